@@ -8,15 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .kinds import as_it_is, compare, dog, with_cuts, with_slopes
+from .kinds import as_it_is, compare, dog, with_curvatures, with_cuts, with_slopes, with_two_cuts
 
 KINDS = {
     "plain": as_it_is,
     "cuts": with_cuts,
+    "two cuts": with_two_cuts,
     "DoG": dog,
     "DoG, cuts": lambda splats: with_cuts(dog(splats)),
     "DoG, slopes": lambda splats: with_slopes(dog(splats)),
     "DoG, slopes, cuts": lambda splats: with_cuts(with_slopes(dog(splats))),
+    "DoG, slopes, two cuts": lambda splats: with_two_cuts(with_slopes(dog(splats))),
+    "DoG, slopes, curvatures, two cuts": lambda splats: with_two_cuts(with_curvatures(with_slopes(dog(splats)))),
 }
 
 

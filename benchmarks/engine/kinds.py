@@ -41,7 +41,7 @@ def compare(flags: Sequence[str], name: str, description: str | None, kinds: Map
     args = parser.parse_args(flags)
     mi.set_variant(args.variant)
     model, camera = load(args)
-    plain = model.plain().without_slopes().without_cuts()
+    plain = model.plain().without_slopes().without_cuts()  # and without curvatures and second cuts
     models = {kind: make(plain) for kind, make in kinds.items()}
     runs: dict[str, Callable[[], None]] = {}
     for kind, splats in models.items():
@@ -56,7 +56,8 @@ def compare(flags: Sequence[str], name: str, description: str | None, kinds: Map
         for each in PASSES:
             time = ms[f"{kind}: {each}"]
             cells += [f"{time:.2f}", f"{time / ms[f'{first}: {each}']:.3f}"]
-        settings = Settings(3, slopes=splats.n_slopes > 0, cuts=(splats.n_cuts > 0) + (splats.n_second_cuts > 0))
+        planes = (splats.n_cuts > 0) + (splats.n_second_cuts > 0)
+        settings = Settings(3, slopes=splats.n_slopes > 0, curvatures=splats.n_curvatures > 0, cuts=planes)
         operations = pair_operations(settings, splats.n_dog > 0, args.variant)
         print("| " + " | ".join([*cells, *(f"{count:.1f}" for count in operations)]) + " |")
 
@@ -78,7 +79,21 @@ def with_slopes(splats: Splats) -> Splats:
     return replace(splats, slope_index=np.arange(n), color_slopes=slopes)
 
 
+def with_curvatures(splats: Splats) -> Splats:
+    """All primitives with a brightness that curves, as much as training ends with."""
+    n = splats.n_splats
+    curvatures = np.random.default_rng(2).normal(0, 0.1, (n, 6))
+    return replace(splats, curvature_index=np.arange(n), brightness_curvatures=curvatures)
+
+
 def with_cuts(splats: Splats) -> Splats:
     """All primitives cut off, some two standard deviations from their centres."""
     n = splats.n_splats
     return replace(splats, cut_index=np.arange(n), cut_normals=np.random.default_rng(1).normal(0, 1, (n, 3)))
+
+
+def with_two_cuts(splats: Splats) -> Splats:
+    """The same by two planes each."""
+    n, cut = splats.n_splats, with_cuts(splats)
+    normals = np.random.default_rng(3).normal(0, 1, (n, 3))
+    return replace(cut, second_cut_index=np.arange(n), second_cut_normals=normals)

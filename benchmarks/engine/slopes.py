@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .kinds import as_it_is, compare, dog, with_slopes
+from .kinds import as_it_is, compare, dog, with_curvatures, with_slopes
 
 KINDS = {
     "plain": as_it_is,
     "slopes": with_slopes,
+    "curvatures": with_curvatures,
     "DoG": dog,
     "DoG, slopes": lambda splats: with_slopes(dog(splats)),
+    "DoG, slopes, curvatures": lambda splats: with_curvatures(with_slopes(dog(splats))),
 }
 
 
