@@ -11,12 +11,13 @@ import numpy as np
 from .row_groups import Array
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-_OF_MATRIX = [[ENTRIES.index((min(a, b), max(a, b))) for b in range(3)] for a in range(3)]
+OF_MATRIX = [[ENTRIES.index((min(a, b), max(a, b))) for b in range(3)] for a in range(3)]
+"""Which entry each of Q is."""
 
 
 def matrices(rows: Array) -> Array:
     """Q [B, 3, 3] of rows [B, 6], float64."""
-    return np.asarray(rows, np.float64)[:, _OF_MATRIX]
+    return np.asarray(rows, np.float64)[:, OF_MATRIX]
 
 
 def rows_of(matrices: Array) -> Array:
