@@ -1,6 +1,7 @@
 """The shape with what primitives have along their own axes, slopes, curvatures and cuts: in, changed, moved and out."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -8,7 +9,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import Splats, to_ellipsoids, write_ply
+from mi_dogsplat.engine.geometry import SMOOTH
+from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, ROWS, upload
+from mi_dogsplat.plugin import splat_integrator
 from mi_dogsplat.scene.row_groups import ALONG_AXES
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.scene.whole import whole
@@ -126,6 +130,30 @@ def test_a_moved_shape_takes_them_along(kind: Kind, mirror):
     dr.backward(dr.sum(mi.render(at_rest, of_moved) * mi.TensorXf(ADJOINT.astype(np.float32))))
     gradient = dr.grad(of_moved[name]).numpy() * (-1 if mirror and kind.name in ALONG_AXES else 1)
     np.testing.assert_allclose(dr.grad(params[name]).numpy(), gradient, atol=1e-3)
+
+
+@EACH_KIND
+@pytest.mark.parametrize("mirror", [False, True], ids=["turned", "mirrored"])
+def test_derivatives_by_to_world_are_those_of_differences(monkeypatch, kind: Kind, mirror):
+    """Without cutoffs: no alpha appears at once where the shape moves."""
+    monkeypatch.setattr(splat_integrator, "RasterOptions", partial(RasterOptions, cutoffs=SMOOTH))
+    scene, params = traversed(kind.model)
+    adjoint, step = mi.TensorXf(ADJOINT.astype(np.float32)), 2e-3
+
+    def loss(θ: mi.Float) -> Any:
+        T4: Any = mi.Transform4f()
+        flip = T4.scale(mi.Point3f(-1 if mirror else 1, 1, 1))
+        params["splats.to_world"] = T4.scale(mi.Point3f(1.1 + θ)) @ T4.rotate(mi.Vector3f(0.6, 0, 0.8), 50 * θ) @ flip
+        params.update()
+        return dr.sum(mi.render(scene, params) * adjoint)
+
+    θ = mi.Float(0)
+    dr.enable_grad(θ)
+    dr.backward(loss(θ))
+    sides = [float(loss(mi.Float(sign * step)).array[0]) for sign in (1, -1)]
+    expected = (sides[0] - sides[1]) / (2 * step)
+    assert abs(expected) > 1
+    assert dr.grad(θ)[0] == pytest.approx(expected, rel=0.01)
 
 
 @EACH_KIND
