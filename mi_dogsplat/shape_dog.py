@@ -14,7 +14,7 @@ from .engine.parameters import RAW, ROWS, device_array, rows_of_splats
 from .engine.sh_groups import padded_on_device
 from .plugin.given_model import given_model, on_host
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
-from .scene.row_groups import CUTS, DOG, GROUPS, SECOND_CUTS, SH, SLOPES, RowGroup
+from .scene.row_groups import CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SLOPES, RowGroup
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, mean_scale, transformed
 
@@ -29,9 +29,9 @@ class DogShape(mi.Mesh):
 
      * - filename
        - |string|
-       - Model: PLY (with an element ``dog`` for DoG primitives, ``slopes`` for colours that vary over their
-         primitive, ``cuts`` for planes that cut some off, and ``second_cuts`` for second ones), compressed PLY, SPZ,
-         SOG, glTF or .splat. The integrator draws it as its file says, unless it is told otherwise.
+       - Model: PLY (with an element ``dog`` for DoG primitives, ``slopes`` and ``curvatures`` for colours that vary
+         over their primitive, ``cuts`` for planes that cut some off, and ``second_cuts`` for second ones), compressed
+         PLY, SPZ, SOG, glTF or .splat. The integrator draws it as its file says, unless it is told otherwise.
 
      * - means, log_scales, quats, logit_opacities, sh_coeffs
        - |tensor|
@@ -48,7 +48,14 @@ class DogShape(mi.Mesh):
        - |tensor|
        - The S primitives whose colour varies linearly over them: their rows [S], and the change of the colour per
          standard deviation along each axis of the primitive [S, 3, 3], axis by channel. Absent for a model of which
-         each primitive has one colour.
+         no primitive has slopes.
+       - |exposed|, |differentiable| (not the index)
+
+     * - curvature_index, brightness_curvatures
+       - |tensor|
+       - The B primitives whose brightness curves over them (docs/curvatures.md), with slopes or without: their rows
+         [B], and its second derivatives per standard deviation along the axes of the primitive, the same for all
+         channels, xx, yy, zz, xy, xz, yz [B, 6]. Absent for a model of which no primitive has curvatures.
        - |exposed|, |differentiable| (not the index)
 
      * - cut_index, cut_normals
@@ -80,7 +87,7 @@ class DogShape(mi.Mesh):
        - |exposed|, |differentiable|
 
     A DoG primitive is the difference of its Gaussian and a wider or narrower *pseudo-Gaussian* with the same centre,
-    orientation and colour, slopes included, opacity f_a·a and scales F·s (method paper, Sec. 3.3). Each cut takes the
+    orientation and colour, however it varies, opacity f_a·a and scales F·s (method paper, Sec. 3.3). Each cut takes the
     same share of both.
 
     The shape has no surface: rays do not meet it. Render it with the ``dogsplat`` integrator. The number of primitives
@@ -103,6 +110,7 @@ class DogShape(mi.Mesh):
     dog_logit_opacities: mi.TensorXf
     dog_log_scales: mi.TensorXf
     color_slopes: mi.TensorXf
+    brightness_curvatures: mi.TensorXf
     cut_normals: mi.TensorXf
     second_cut_normals: mi.TensorXf
     sh1_coeffs: mi.TensorXf
@@ -110,6 +118,7 @@ class DogShape(mi.Mesh):
     sh3_coeffs: mi.TensorXf
     dog_index: mi.UInt32
     slope_index: mi.UInt32
+    curvature_index: mi.UInt32
     cut_index: mi.UInt32
     second_cut_index: mi.UInt32
     sh1_index: mi.UInt32
@@ -227,7 +236,7 @@ class DogShape(mi.Mesh):
     def to_string(self) -> str:
         lines = [f"source = {self.source}", f"primitives = {self.means.shape[0]}"]
         lines.append(f"dog = {len(self.dog_index) if DOG in self.groups else 0}")
-        named = {"slopes": SLOPES, "cuts": CUTS, "second_cuts": SECOND_CUTS}
+        named = {"slopes": SLOPES, "curvatures": CURVATURES, "cuts": CUTS, "second_cuts": SECOND_CUTS}
         named |= {group.index: group for group in SH.values()}
         lines += [f"{name} = {len(getattr(self, g.index))}" for name, g in named.items() if g in self.groups]
         return "DogShape[\n  " + ",\n  ".join(lines) + "\n]"

@@ -20,7 +20,7 @@ from mi_dogsplat.engine.parameters import RAW, RAW_DOG
 from mi_dogsplat.reference.forward import raw_indices, raw_names
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba, opencv_w2c_to_mitsuba_c2w
-from mi_dogsplat.scene.row_groups import GROUPS, PLANES, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CURVATURES, GROUPS, PLANES, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from scipy.spatial.transform import Rotation
 
@@ -152,7 +152,7 @@ def _of_splats() -> list[Case]:
                     model=model)
 
     whole = [Case(f"`{name}`", partial(move, name), partial(twin, name), step=0.4) for name in RAW + RAW_DOG]
-    return [*whole, of_group(SLOPES, 0.1), *(of_group(plane, 2.0) for plane in PLANES)]
+    return [*whole, of_group(SLOPES, 0.1), of_group(CURVATURES, 0.1), *(of_group(plane, 2.0) for plane in PLANES)]
 
 
 def _axis(k: int) -> np.ndarray:

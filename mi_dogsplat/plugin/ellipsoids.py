@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..formats.read import read_model
-from ..scene.row_groups import PLANES
+from ..scene.row_groups import OWN_AXES
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..scene.whole import whole
@@ -31,8 +31,8 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     shape says that they are linear radiance a warning asks for ``srgb_primitives`` to be false.
 
     An ellipsoid is one whole Gaussian of one colour: of a DoG primitive the positive one is kept, what the
-    pseudo-Gaussian subtracts is left out, where a colour varies over its primitive that at the centre is kept, which is
-    the mean, and a primitive that planes cut off becomes the whole one nearest to it.
+    pseudo-Gaussian subtracts is left out, where a colour varies over its primitive the mean is kept, by slopes that at
+    the centre, and a primitive that planes cut off becomes the whole one nearest to it.
     Left out too are primitives that are not drawn: those fainter than 1/255, and those with values that are not
     finite. What is left out is reported by a warning of Mitsuba's logger.
 
@@ -86,9 +86,10 @@ def _drawn(splats: Splats) -> np.ndarray:
     finite = np.isfinite(splats.opacities) & (splats.opacities >= MIN_OPACITY)
     for values in (splats.means, splats.scales, splats.quats, splats.uniform_sh().sh_coeffs):
         finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
-    for group in PLANES:
+    for group in OWN_AXES:
         (name,) = group.names
-        finite[getattr(splats, group.index)] &= np.isfinite(getattr(splats, name)).all(axis=1)
+        values = getattr(splats, name)
+        finite[getattr(splats, group.index)] &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return finite
 
 
@@ -106,9 +107,11 @@ def _report(splats: Splats, n_hidden: int, linear: bool) -> None:
     left_out = []
     if splats.n_dog:
         left_out.append(f"the negative part of {splats.n_dog} DoG primitives")
-    if splats.is_varied.any():
-        left_out.append(f"the slopes of {splats.is_varied.sum()} primitives whose colour varies over them")
-    if n_cut := len(np.union1d(splats.cut_index, splats.second_cut_index)):
+    if splats.n_slopes:
+        left_out.append(f"the slopes of {splats.n_slopes} primitives whose colour varies over them")
+    if splats.n_curvatures:
+        left_out.append(f"the curvatures of {splats.n_curvatures} primitives whose brightness curves over them")
+    if n_cut := splats.is_cut.sum():
         left_out.append(f"the cuts of {n_cut} primitives")
     if n_hidden:
         left_out.append(f"{n_hidden} of {splats.n_splats} primitives that are fainter than 1/255 or not finite")

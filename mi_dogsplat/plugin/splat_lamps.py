@@ -17,7 +17,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.project import rows
+from ..engine.curvatures import ROW as CURVATURE_ROW
+from ..engine.project import NO_ROW, rows
+from ..scene.curvatures import MEAN_OF_TRACE
+from ..scene.row_groups import CURVATURES
 from ..scene.sh_basis import C0
 from .transfer import srgb_to_linear
 
@@ -76,9 +79,10 @@ def _density(cones: list, d: Any) -> Any:
 def lamps_of(params: dict, linear: bool) -> SplatLamps | None:
     """The lamps among primitives, by their colour without the directions; None where nothing is bright enough.
 
-    A colour that varies over its primitive counts with that of the centre, which is its mean: what slopes add on one
-    side they take on the other. One that is cut off counts as whole. Where paths aim changes no mean, and what they
-    find there has its slopes and its cuts.
+    A colour that varies over its primitive counts with its mean. Of slopes that is the colour of the centre: what they
+    add on one side they take on the other. Curvatures make it brighter than that, or darker (``MEAN_OF_TRACE``). A
+    primitive that is cut off counts as whole. Where paths aim changes no mean, and what they find there varies and is
+    cut off as it is.
 
     Args:
         params: raw parameters as flat arrays; constants here.
@@ -91,7 +95,7 @@ def lamps_of(params: dict, linear: bool) -> SplatLamps | None:
         stored = dr.width(params["sh_coeffs"]) // n
         index = dr.arange(mi.UInt32, n)
         colors = [0.5 + C0 * dr.gather(mi.Float, params["sh_coeffs"], index * stored + c) for c in range(3)]
-        brightest = dr.maximum(dr.maximum(colors[0], colors[1]), colors[2])
+        brightest = dr.maximum(dr.maximum(colors[0], colors[1]), colors[2]) + _brighter(params)
         brightest = brightest if linear else srgb_to_linear([brightest])[0]
         lamps: Any = dr.compress(brightest > BRIGHT)
         if not dr.width(lamps):
@@ -108,3 +112,12 @@ def lamps_of(params: dict, linear: bool) -> SplatLamps | None:
     center = [mi.Point3f(*(dr.opaque(mi.Float, float(x)) for x in means[k])) for k in best]
     radius = [dr.opaque(mi.Float, CONE * float(np.exp(scales[k].max()))) for k in best]
     return SplatLamps(center, radius, [dr.opaque(mi.Float, float(power[k])) for k in best])
+
+
+def _brighter(params: dict) -> Any:
+    """[N] by how much curvatures make primitives brighter on average, all channels of them."""
+    if CURVATURES.index not in params:
+        return 0
+    (name,), row = CURVATURES.names, params[CURVATURES.row]
+    along_axes = rows(params[name], CURVATURE_ROW, row, row != NO_ROW)[:3]
+    return MEAN_OF_TRACE * sum(along_axes)

@@ -11,12 +11,13 @@ import numpy as np
 from .row_groups import Array
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-_OF_MATRIX = [[ENTRIES.index((min(a, b), max(a, b))) for b in range(3)] for a in range(3)]
+OF_MATRIX = [[ENTRIES.index((min(a, b), max(a, b))) for b in range(3)] for a in range(3)]
+"""Which entry each of Q is."""
 
 
 def matrices(rows: Array) -> Array:
     """Q [B, 3, 3] of rows [B, 6], float64."""
-    return np.asarray(rows, np.float64)[:, _OF_MATRIX]
+    return np.asarray(rows, np.float64)[:, OF_MATRIX]
 
 
 def rows_of(matrices: Array) -> Array:
@@ -29,10 +30,14 @@ def turned(rows: Array, turn: Array) -> Array:
     return rows_of(turn @ matrices(rows) @ turn.swapaxes(1, 2))
 
 
-def mean_brightness(rows: Array) -> Array:
-    """[B] by how much they make a primitive brighter on average: what comes nearest to them in its pictures.
+MEAN_OF_TRACE = 1 / 6
+"""By how much a trace of 1 makes a primitive brighter on average: what comes nearest to that in its pictures.
 
-    A picture shows two of three axes, and the squares of its weights exp(-|w|²) have the variance ½ along each: so of
-    the trace of Q it is ½ · ½ · 2/3.
-    """
-    return rows[:, :3].astype(np.float64).sum(axis=1) / 6
+A picture shows two of three axes, and the squares of its weights exp(-|w|²) have the variance ½ along each: so of the
+trace of Q it is ½ · ½ · 2/3.
+"""
+
+
+def mean_brightness(rows: Array) -> Array:
+    """[B] by how much they make a primitive brighter on average."""
+    return rows[:, :3].astype(np.float64).sum(axis=1) * MEAN_OF_TRACE

@@ -17,10 +17,12 @@ import drjit as dr
 from ..engine.arrays import array_types, detached
 from ..engine.cuts import ROW as NORMAL
 from ..engine.cuts import by_plane
-from .blend import along_slopes, slopes_of
+from ..scene.curvatures import ENTRIES
 from .kernels import MAX_ALPHA, Kernel, Meeting
 from .own_axes import moved, pulled
-from .tree import CUT_ROW, NONE, SLOPE_ROW, Tree, read_row, rows_of, table
+from .tree import CURVATURE_ROW, CUT_ROW, NONE, SLOPE_ROW, Tree, read_row, rows_of, table
+from .tree import PSEUDO_ROW as TREE_PSEUDO_ROW
+from .varying import add_adjoints, along, beyond_centre, by_point
 from .vectors import dot
 
 ROW = 16  # floats: M, μ, lo; three are free
@@ -35,9 +37,12 @@ class Adjoints:
         Float = array_types().Float
         self.tree = tree
         self.rows = dr.zeros(Float, tree.n_leaves * ROW)
-        self.pseudo = None if tree.pseudo is None else dr.zeros(Float, dr.width(tree.pseudo) // 8 * PSEUDO_ROW)
+        m = dr.width(tree.pseudo) // TREE_PSEUDO_ROW if tree.pseudo is not None else 0
+        self.pseudo = dr.zeros(Float, m * PSEUDO_ROW) if m else None
         self.sh = dr.zeros(Float, dr.width(tree.sh))
-        self.slopes = None if tree.slopes is None else dr.zeros(Float, dr.width(tree.slopes))
+        self.slopes, self.curvatures = (
+            None if values is None else dr.zeros(Float, dr.width(values)) for values in (tree.slopes, tree.curvatures)
+        )
         self.normals = [dr.zeros(Float, dr.width(plane.rows)) for plane in tree.planes]
 
     def add_alpha(self, met: Meeting, δα: Any, active: Any) -> None:
@@ -92,22 +97,18 @@ class Adjoints:
             at = dr.fma(met.splat, stride // size, first // size)
             dr.scatter_add(self.sh, part, at, active, mode=dr.ReduceMode.Local)
 
-    def add_slopes(self, met: Meeting, δcolors: list, active: Any) -> None:
+    def add_beyond_centre(self, met: Meeting, δcolors: list, active: Any) -> None:
         """Of three channels of what the colour has beyond that of its centre."""
         assert met.varying and met.point
-        types, varying, here = array_types(), met.varying, active & met.varying.here
-        values = [w * δ for w in met.point.w for δ in δcolors] + [types.Float(0)] * 3
-        for k in range(SLOPE_ROW // 4):
-            part, at = types.Quad(*values[4 * k : 4 * k + 4]), dr.fma(varying.row, SLOPE_ROW // 4, k)
-            dr.scatter_add(self.slopes, part, at, here, mode=dr.ReduceMode.Local)
-        δw = [dot(axis, δcolors) for axis in slopes_of(self.tree.slopes, varying, active)]
+        add_adjoints(self, met.varying, met.point.w, δcolors, active)
+        δw = [dot(axis, δcolors) for axis in by_point(self.tree, met.varying, met.point.w, active)]
         M, pull = pulled(met.point, met.primary.offset, δw)
-        self._add_to_kernel(met, M, pull, types.Float(0), here)
+        self._add_to_kernel(met, M, pull, array_types().Float(0), active & met.varying.here)
 
     def of_columns(self) -> tuple[list, Any, dict[str, list]]:
         """(of ``Primitives.kernel``, of ``sh``, of each of ``SPARSE``)"""
         types, tree = array_types(), self.tree
-        dr.eval(self.rows, self.pseudo, self.slopes, self.normals, self.sh)
+        dr.eval(self.rows, self.pseudo, self.slopes, self.curvatures, self.normals, self.sh)
         n, splat = dr.width(tree.sh) // tree.sh_row, tree.splat_from_leaf
         leaf = dr.arange(types.UInt, tree.n_leaves)
         kernel = []
@@ -119,6 +120,7 @@ class Adjoints:
         sparse = {
             "pseudo": _columns(self.pseudo, PSEUDO_ROW, 4),
             "slopes": _columns(self.slopes, SLOPE_ROW, 9),
+            "curvatures": _columns(self.curvatures, CURVATURE_ROW, len(ENTRIES)),
             "normals": [column for normals, plane in zip(self.normals, tree.planes, strict=True)
                         for column in _columns(normals, CUT_ROW, NORMAL, plane.index)],
         }
@@ -133,15 +135,14 @@ class Tangents:
         n = dr.width(tree.sh) // tree.sh_row
         self.tree, self.sh = tree, _wide(sh, dr.width(tree.sh))
         self.rows = table([_wide(c, n) for c in kernel], ROW)
-        m = dr.width(tree.pseudo) // 8 if tree.pseudo is not None else 0
-        self.pseudo = table([_wide(c, m) for c in sparse["pseudo"]], PSEUDO_ROW) if m else None
-        s = dr.width(tree.slopes) // SLOPE_ROW if tree.slopes is not None else 0
-        self.slopes = table([_wide(c, s) for c in sparse["slopes"]], SLOPE_ROW) if s else None
+        self.pseudo = _table(sparse["pseudo"], PSEUDO_ROW, tree.pseudo, TREE_PSEUDO_ROW)
+        self.slopes = _table(sparse["slopes"], SLOPE_ROW, tree.slopes)
+        self.curvatures = _table(sparse["curvatures"], CURVATURE_ROW, tree.curvatures)
         self.normals = []
         for plane, normal in zip(tree.planes, by_plane(sparse["normals"], NORMAL), strict=True):
             columns = [_wide(c, dr.width(plane.index)) for c in normal]
             self.normals.append(rows_of([*columns, types.Float(0)], plane.index, n))
-        dr.eval(self.rows, self.pseudo, self.slopes, self.normals, self.sh)
+        dr.eval(self.rows, self.pseudo, self.slopes, self.curvatures, self.normals, self.sh)
 
     def of_alpha(self, met: Meeting, active: Any) -> Any:
         M, mean, lo = self._of_kernel(met, active)
@@ -170,14 +171,14 @@ class Tangents:
             δlog += cut.falls * (dot(δnormal, met.point.w) + dot(cut.normal, moved(met.point, inside, M, here)))
         return δlog
 
-    def of_slopes(self, met: Meeting, active: Any) -> list:
+    def of_beyond_centre(self, met: Meeting, active: Any) -> list:
         """Of what the colour has beyond that of its centre, three channels."""
         assert met.varying and met.point
-        varying, here = met.varying, active & met.varying.here
+        w, here = met.point.w, active & met.varying.here
         M, mean, _ = self._of_kernel(met, here)
         inside = [dot(δ, met.primary.offset) - dot(m, mean) for δ, m in zip(M, met.M, strict=True)]
-        of_point = along_slopes(moved(met.point, inside, M, here), slopes_of(self.tree.slopes, varying, active))
-        of_values = along_slopes(met.point.w, slopes_of(self.slopes, varying, active))
+        of_point = along(moved(met.point, inside, M, here), by_point(self.tree, met.varying, w, active))
+        of_values = beyond_centre(self, met.varying, w, active)
         return [a + b for a, b in zip(of_point, of_values, strict=True)]
 
     def _of_kernel(self, met: Meeting, active: Any) -> tuple[list, list, Any]:
@@ -198,6 +199,14 @@ def _unlimited(kernel: Kernel, δ: Any, active: Any) -> Any:
 def _wide(column: Any, n: int) -> Any:
     """A tangent, which may be a single 0, as an array of its own."""
     return detached(column) + dr.zeros(array_types().Float, n)
+
+
+def _table(columns: list, stride: int, like: Any, stride_of_like: int | None = None) -> Any:
+    """Tangents of rows of which the tree has the table ``like``; None of None."""
+    if like is None:
+        return None
+    n = dr.width(like) // (stride_of_like or stride)
+    return table([_wide(c, n) for c in columns], stride)
 
 
 def _columns(rows: Any, stride: int, count: int, index: Any = None) -> list:

@@ -10,9 +10,8 @@ from ..engine.arrays import array_types
 from ..engine.sh import unit_basis
 from .kernels import Meeting
 from .options import TraceOptions
-from .own_axes import Varying
-from .tree import SLOPE_ROW, Tree, read_row
-from .vectors import dot
+from .tree import Tree, read_row
+from .varying import beyond_centre
 from .visits import Walk, visit_all, visit_in_order
 
 MAX_T = 2.0**30  # a walk stops before negative alphas take the transmittance above this
@@ -37,8 +36,9 @@ def gather(walk: Walk) -> tuple[list, Any]:
         walking, T_next = passes(met, walking, T, options)
         weight = dr.select(walking, met.alpha * T, 0)
         seen = [dr.maximum(c, 0) for c in radiance(walk.tree, met, basis, walking)]
-        if met.varying:
-            seen = [c + more for c, more in zip(seen, beyond_centre(walk.tree, met, walking), strict=True)]
+        if met.varying and met.point:
+            beyond = beyond_centre(walk.tree, met.varying, met.point.w, walking)
+            seen = [c + more for c, more in zip(seen, beyond, strict=True)]
         blended = [dr.fma(weight, c, color) for c, color in zip(seen, colors, strict=True)]
         return walking, dr.select(walking, T_next, T), *blended
 
@@ -68,24 +68,6 @@ def radiance(tree: Tree, met: Meeting, basis: list, active: Any) -> list:
             color = dr.fma(b, values[3 * k + channel], color)
         channels.append(color)
     return channels
-
-
-def slopes_of(table: Any, varying: Varying, active: Any) -> list:
-    """Three axes of three channels, of the primitive that is met in a table [S, SLOPE_ROW]; 0 where it has none."""
-    values = read_row(table, varying.row, SLOPE_ROW, 9, varying.here & active)
-    return [values[0:3], values[3:6], values[6:9]]
-
-
-def beyond_centre(tree: Tree, met: Meeting, active: Any) -> list:
-    """What the colour of the primitive that is met has there beyond that of its centre, of a model with slopes; three
-    channels, not limited."""
-    assert met.point and met.varying
-    return along_slopes(met.point.w, slopes_of(tree.slopes, met.varying, active))
-
-
-def along_slopes(w: list, slopes: list) -> list:
-    """Three channels of w · slopes."""
-    return [dot(w, [axis[channel] for axis in slopes]) for channel in range(3)]
 
 
 def _ones(walk: Walk) -> Any:

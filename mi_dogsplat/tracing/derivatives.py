@@ -14,8 +14,9 @@ import drjit as dr
 from ..engine.arrays import array_types
 from ..engine.sh import unit_basis
 from .adjoints import Adjoints, Tangents
-from .blend import beyond_centre, hides, passes, radiance
+from .blend import hides, passes, radiance
 from .kernels import Meeting
+from .varying import beyond_centre
 from .vectors import dot
 from .visits import Walk, visit_all, visit_in_order
 
@@ -58,9 +59,9 @@ def gather_backward(
         seen = radiance(walk.tree, met, basis, walking)
         weight = met.alpha * T
         of_color = sum(δ * dr.maximum(c, 0) for δ, c in zip(δcolors, seen, strict=True))
-        if met.varying:
-            of_color += dot(δcolors, beyond_centre(walk.tree, met, walking))
-            adjoints.add_slopes(met, [δ * weight for δ in δcolors], walking)
+        if met.varying and met.point:
+            of_color += dot(δcolors, beyond_centre(walk.tree, met.varying, met.point.w, walking))
+            adjoints.add_beyond_centre(met, [δ * weight for δ in δcolors], walking)
         behind = dr.select(walking, behind - weight * of_color, behind)
         hidden = hides(met, walk.options)
         through = dr.select(hidden == met.alpha, (behind + last) / (1 - hidden), 0)
@@ -89,8 +90,9 @@ def gather_forward(
             dr.select(walking & (c > 0), dr.fma(δweight, c, dr.fma(met.alpha * T, δc, δ)), δ)
             for c, δc, δ in zip(seen, δseen, δcolors, strict=True)
         ]
-        if met.varying:  # not limited, as the colour of the centre is
-            more, δmore = beyond_centre(walk.tree, met, walking), tangents.of_slopes(met, walking)
+        if met.varying and met.point:  # not limited, as the colour of the centre is
+            more = beyond_centre(walk.tree, met.varying, met.point.w, walking)
+            δmore = tangents.of_beyond_centre(met, walking)
             weight = dr.select(walking, met.alpha * T, 0)
             blended = [dr.fma(dr.select(walking, δweight, 0), c, dr.fma(weight, δc, δ))
                        for c, δc, δ in zip(more, δmore, blended, strict=True)]

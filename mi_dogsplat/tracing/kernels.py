@@ -23,8 +23,9 @@ import numpy as np
 from ..engine.arrays import array_types
 from ..engine.geometry import Cutoffs
 from ..engine.project import NO_ROW
-from .own_axes import Cut, OwnPoint, Varying, read_own_axes
+from .own_axes import Cut, OwnPoint, read_own_axes
 from .tree import PSEUDO_ROW, ROW, Tree, read_row
+from .varying import Varying
 from .vectors import cross, dot
 
 MAX_ALPHA = float(np.float32(0.99))
@@ -53,8 +54,8 @@ class Meeting:
     dog_row: Any
     inverse_factors: list
     pseudo: Kernel | None
-    point: OwnPoint | None  # None in a model without slopes and cuts
-    varying: Varying | None  # None in a model without slopes
+    point: OwnPoint | None  # None in a model without what varies, and without cuts
+    varying: Varying | None  # None in a model of which each primitive has one colour
     cuts: list[Cut]  # one of each plane that the model has
 
 

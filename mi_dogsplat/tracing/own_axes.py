@@ -1,4 +1,4 @@
-"""Where a ray sees a primitive, along the primitive's own axes, and what depends on that: slopes and cuts.
+"""Where a ray sees a primitive, along the primitive's own axes, and what depends on that: its colour, and cuts.
 
 It is the point where the primary kernel is largest on the ray, y = M x with x its offset from μ. The colour of a
 primitive that varies over it, and what cuts leave of its kernels, are those at this point: one colour and one share
@@ -24,6 +24,7 @@ from ..engine.cuts import END, LEVEL, WHOLE
 from ..engine.project import NO_ROW
 from .primitives import PER_DEVIATION
 from .tree import CUT_ROW, NONE, Tree, read_row
+from .varying import Row, Varying
 from .vectors import cross, dot
 
 
@@ -31,17 +32,9 @@ from .vectors import cross, dot
 class OwnPoint:
     """Where the primary is largest on the ray."""
 
-    w: list  # in standard deviations along the axes; 0 of a primitive that has neither slopes nor a cut
+    w: list  # in standard deviations along the axes; 0 of a primitive that neither varies nor is cut off
     d: list  # direction of the ray
     along: list  # v = M d
-
-
-@dataclass
-class Varying:
-    """Whether the colour of a primitive varies over it."""
-
-    row: Any  # UInt, of its slopes
-    here: Any  # Bool, whether there is one
 
 
 @dataclass
@@ -64,12 +57,8 @@ def read_own_axes(
         o, d: M (o - μ) and M d of the ray.
         world_d: direction of the ray.
     """
-    types, here = array_types(), None
-    varying, normals = None, []
-    if tree.slopes is not None:
-        row = cast(Any, dr.reinterpret_array(types.UInt, slope_bits))
-        here = (row != NO_ROW) & active
-        varying = Varying(row, here)
+    varying, normals = _varying(tree, slope_bits, splat, active), []
+    here = varying.here if varying else None
     for plane in tree.planes:
         *normal, there = read_row(plane.rows, splat, CUT_ROW, CUT_ROW, active & (splat != NONE))
         is_cut = there != 0
@@ -79,6 +68,20 @@ def read_own_axes(
         return None, None, []
     point = _point(o, d, world_d, here)
     return point, varying, [_cut(normal, is_cut, point.w) for normal, is_cut in normals]
+
+
+def _varying(tree: Tree, slope_bits: Any, splat: Any, active: Any) -> Varying | None:
+    """None in a model of which each primitive has one colour."""
+    UInt = array_types().UInt
+    slopes = curvatures = None
+    if tree.slopes is not None:
+        row = cast(Any, dr.reinterpret_array(UInt, slope_bits))
+        slopes = Row(row, (row != NO_ROW) & active)
+    if tree.curvatures is not None:
+        there = active & (splat != NONE)
+        row = dr.gather(UInt, tree.curvature_row, splat, there)
+        curvatures = Row(row, (row != NO_ROW) & there)
+    return Varying(slopes, curvatures) if slopes or curvatures else None
 
 
 def _point(o: list, d: list, world_d: list, here: Any) -> OwnPoint:

@@ -6,26 +6,27 @@ Notation (3DGRT, Moenne-Loccoz et al. 2024; method paper, Sec. 3)
     lo          log2 of the opacity; a kernel is 2^(lo - |M (x - μ)|²)
     F, f_a      of a DoG primitive: its pseudo-Gaussian has F⁻¹ M for M, and lo_p = lo + log2 f_a
     w           S⁻¹ Rᵀ (x - μ), a point in standard deviations along the axes; where a colour varies it is
-                c + Σ_a w_a slope_a
+                c + Σ_a w_a slope_a + ½ wᵀ Q w, Q being the same for all channels
     n           of a plane that cuts a primitive off: its kernels are multiplied by g(n·w) (docs/cuts.md)
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from ..engine.cuts import ROW as NORMAL
 from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, rows, softplus
 from ..engine.sh import read_rows
 from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups
-from ..scene.row_groups import PLANES, SH
+from ..scene.row_groups import CURVATURES, PLANES, SH, SLOPES, RowGroup
 
 PER_DEVIATION = (0.5 * LOG2_E) ** 0.5  # |M (x - μ)| of a point that is one standard deviation away
 MAX_LOG_SCALE = 27.0  # scales are kept within e^±27, so that squares of what is divided by them are floats
-SPARSE = "pseudo", "slopes", "normals"  # columns of ``Primitives`` that have a row for some of them only
+SPARSE = "pseudo", "slopes", "curvatures", "normals"  # columns of ``Primitives`` that have a row for some of them only
 
 
 @dataclass
@@ -38,8 +39,8 @@ class PlaneRows:
 
 @dataclass
 class Primitives:
-    """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive; of slopes a row
-    per primitive whose colour varies over it; of the normals of a plane a row per primitive that it cuts off."""
+    """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive; of slopes, of
+    curvatures and of the normals of a plane a row per primitive that has them."""
 
     to_kernel: list  # M, nine columns, row-major
     mean: list  # three
@@ -51,6 +52,8 @@ class Primitives:
     dog_index: mi.UInt32 | None  # [M] its inverse
     slopes: list  # nine columns of [S], axis by axis, three channels each; empty without
     slope_row: mi.UInt32 | None  # [N] row of the slopes or NO_ROW
+    curvatures: list  # Q, six columns of [B]; empty without
+    curvature_row: mi.UInt32 | None  # [N] row of the curvatures or NO_ROW
     normals: list  # n of each plane, three columns of [C] each; empty without cuts
     planes: list[PlaneRows]
 
@@ -61,7 +64,7 @@ class Primitives:
 
     def with_tangents(self) -> Primitives:
         """The same in forward mode: columns with the tangents that reach them now, from which no edge leads back."""
-        columns = [*self.kernel, self.sh, *self.pseudo, *self.slopes, *self.normals]
+        columns = [*self.kernel, self.sh, *(c for name in SPARSE for c in getattr(self, name))]
         dr.forward_to(columns, flags=dr.ADFlag.ClearNone)  # some columns are on the way to others
         leaves = [mi.Float(dr.detach(column)) for column in columns]
         dr.enable_grad(leaves)
@@ -88,19 +91,18 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     sh = uniform_sh(params, sh_degree)
     broken = dr.block_sum(dr.select(dr.isfinite(dr.detach(sh)), mi.Float(0), mi.Float(1)), dr.width(sh) // n)
     usable = all_finite([*mean, *log_scales, *quats]) & ~dr.isnan(lo) & (broken == 0)
-    slopes, slope_row = [], None
-    if "slope_index" in params:
-        slope_row = params["slope_row"]
-        slopes = rows(params["color_slopes"], 9, dr.arange(mi.UInt32, dr.width(params["slope_index"])))
-        usable &= _of_row(all_finite(slopes), slope_row)
-    normals, planes = [], []
+    slopes, slope_row = _columns_of(params, SLOPES)
+    curvatures, curvature_row = _columns_of(params, CURVATURES)
+    of_groups, normals, planes = [(slopes, slope_row), (curvatures, curvature_row)], [], []
     for group in (group for group in PLANES if group.index in params):
-        (name,), plane = group.names, PlaneRows(params[group.row], params[group.index])
-        columns = rows(params[name], NORMAL, dr.arange(mi.UInt32, dr.width(plane.index)))
-        usable &= _of_row(all_finite(columns), plane.row)
+        columns, row = _columns_of(params, group)
+        of_groups.append((columns, row))
         normals += columns
-        planes.append(plane)
-    some = slopes, slope_row, normals, planes
+        planes.append(PlaneRows(row, params[group.index]))
+    for columns, row in of_groups:
+        if row is not None:
+            usable &= _of_row(all_finite(columns), row)
+    some = slopes, slope_row, curvatures, curvature_row, normals, planes
     if "dog_index" not in params:
         return Primitives(to_kernel, mean, lo, sh, usable, [], None, None, *some)
 
@@ -112,6 +114,15 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     usable &= _of_row(finite, dog_row)
     pseudo = [*(_exp_minus(f) for f in log_factors), pseudo_lo]
     return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index, *some)
+
+
+def _columns_of(params: dict, group: RowGroup) -> tuple[list, Any]:
+    """(columns of what primitives have in a group, [N] their rows); ([], None) in a model without."""
+    if group.index not in params:
+        return [], None
+    ((name, shape),) = group.arrays.items()
+    columns = rows(params[name], math.prod(shape), dr.arange(mi.UInt32, dr.width(params[group.index])))
+    return columns, params[group.row]
 
 
 def _of_row(finite: mi.Bool, row: mi.UInt32) -> mi.Bool:

@@ -24,6 +24,7 @@ from .primitives import Primitives
 ROW = 16  # floats: of an inner node its children's boxes; of a leaf M, μ, lo, and as bits DoG row, primitive, slope row
 PSEUDO_ROW = 8  # floats: F⁻¹, weights of the common ellipsoid, lo_p; one is free
 SLOPE_ROW = 12  # floats: slopes, axis by axis; three are free
+CURVATURE_ROW = 8  # floats: the six of a row; two are free
 CUT_ROW = 4  # floats, of each plane: normal of the cut, and 1 where there is one
 NONE = 0xFFFFFFFF  # primitive of an empty leaf
 FAR = 1e30  # where the boxes of empty nodes are, points that no ray passes
@@ -47,6 +48,8 @@ class Tree:
     splat_from_leaf: Any  # UInt [n_leaves], NONE where it is empty
     pseudo: Any  # Float [M, PSEUDO_ROW], or None without DoG
     slopes: Any  # Float [S, SLOPE_ROW], or None without slopes
+    curvatures: Any  # Float [B, CURVATURE_ROW], or None without curvatures
+    curvature_row: Any  # UInt [N] row of the curvatures or NO_ROW; None without
     planes: list[PlaneTable]
     sh: Any  # Float [N, K, 3]
     sh_row: int  # 3 K
@@ -96,6 +99,10 @@ def build(primitives: Primitives, log2_range: float) -> Tree | None:
         row = dr.arange(types.UInt, dr.width(lo))
         dr.scatter(pseudo, types.Floats([*inverse, *bounds.weights, lo, dr.zeros(types.Float)]), row)
     slopes = table([detached(c) for c in primitives.slopes], SLOPE_ROW) if primitives.slopes else None
+    curvatures = curvature_row = None
+    if primitives.curvatures:
+        curvatures = table([detached(c) for c in primitives.curvatures], CURVATURE_ROW)
+        curvature_row = detached(primitives.curvature_row)
     planes = []
     for plane, normal in zip(primitives.planes, by_plane(primitives.normals, NORMAL), strict=True):
         index = detached(plane.index)
@@ -104,9 +111,10 @@ def build(primitives: Primitives, log2_range: float) -> Tree | None:
         planes.append(PlaneTable(normals, index))
     sh = detached(primitives.sh)
     dr.make_opaque(middle, size)
-    dr.eval(nodes, pseudo, slopes, [plane.rows for plane in planes], sh)
+    dr.eval(nodes, pseudo, slopes, curvatures, curvature_row, [plane.rows for plane in planes], sh)
     sh_row = dr.width(sh) // dr.width(primitives.lo)
-    return Tree(nodes, leaves, splat_from_leaf, pseudo, slopes, planes, sh, sh_row, middle, size)
+    sparse = pseudo, slopes, curvatures, curvature_row, planes
+    return Tree(nodes, leaves, splat_from_leaf, *sparse, sh, sh_row, middle, size)
 
 
 def table(columns: list, stride: int) -> Any:

@@ -77,6 +77,34 @@ def test_colours_that_vary_are_dimmed_all_over_their_primitive(linear):
     np.testing.assert_allclose(seen[bright], expected[bright], atol=2e-5)
 
 
+@pytest.mark.parametrize("linear", [True, False], ids=["linear", "sRGB"])
+def test_brightness_that_curves_is_dimmed_all_over_its_primitive_by_grey_light(linear):
+    splats = rounded(random_splats(12, degree=0, seed=2, curvature_share=0.5))
+    factor = np.random.default_rng(3).uniform(0.05, 1, 12).astype(np.float32)
+    after = dimmed(upload(splats), [mi.Float(factor)] * 3, linear)
+    more = np.random.default_rng(4).uniform(-0.02, 0.02, (50, 6))  # ½ wᵀ Q w is linear in the numbers of a row
+
+    def colors(sh: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
+        base = sh.reshape(12, 3)[splats.curvature_index] * sh_basis(0, 0, 1, 0)[0] + 0.5
+        return base[:, None] + (curvatures.reshape(-1, 6) @ more.T)[..., None]
+
+    before = colors(splats.sh_coeffs.astype(float), splats.brightness_curvatures.astype(float))
+    seen = colors(after["sh_coeffs"].numpy(), after["brightness_curvatures"].numpy())
+    k = factor[splats.curvature_index][:, None, None]
+    expected = before * k if linear else to_srgb(to_linear(np.maximum(before, 0)) * k)
+    bright = linear | ((expected > 0.0405) & (before > 0.0405))
+    assert bright.mean() > 0.5
+    np.testing.assert_allclose(seen[bright], expected[bright], atol=2e-5)
+
+
+def test_coloured_light_dims_curvatures_as_it_dims_their_mean_over_channels():
+    splats = rounded(random_splats(12, degree=0, seed=2, curvature_share=0.5))
+    factor = np.random.default_rng(3).uniform(0.05, 1, (12, 3)).astype(np.float32)
+    found = dimmed(upload(splats), [mi.Float(k) for k in factor.T], True)["brightness_curvatures"].numpy()
+    expected = splats.brightness_curvatures * factor[splats.curvature_index].mean(1)[:, None]
+    np.testing.assert_allclose(found.reshape(-1, 6), expected, rtol=1e-6)
+
+
 def test_derivatives_go_to_the_colours_and_not_to_the_factor():
     params, factor = upload(rounded(random_splats(5, degree=1))), dr.linspace(mi.Float, 0.2, 1, 5)
     dr.enable_grad(params["sh_coeffs"], factor)

@@ -29,11 +29,13 @@ SPLATS.cut_index, SPLATS.cut_normals = np.array([0, 2, 3]), np.random.default_rn
 SPLATS.second_cut_index = np.array([1, 2])
 # with these no ray sees a mean colour near where ``emitted`` clips it, which is no place for differences
 SPLATS.second_cut_normals = np.random.default_rng(7).normal(0, 3, (2, 3))
+SPLATS.curvature_index, SPLATS.brightness_curvatures = [0, 1, 3], np.random.default_rng(8).normal(0, 0.03, (3, 6))
 NAMES = {
     "sh_coeffs": 1e-2,
     "logit_opacities": 1e-2,
     "dog_logit_opacities": 1e-2,
     "color_slopes": 1e-3,
+    "brightness_curvatures": 1e-3,
     "cut_normals": 1e-2,
     "second_cut_normals": 1e-2,
 }

@@ -19,6 +19,7 @@ from mi_dogsplat.plugin.camera_masks import SplatMasks
 from own_axes_models import (
     ADJOINT,
     CAMERA,
+    CURVED,
     EACH_KIND,
     EACH_PLANE,
     KINDS,
@@ -27,6 +28,7 @@ from own_axes_models import (
     picture,
     traversed,
 )
+from row_kinds import of_each
 from splat_scenes import assert_gradients_equal, image_of, options, rasterized, scene_of, to_linear
 
 EACH_KIND_AND_ALL = pytest.mark.parametrize(
@@ -109,18 +111,19 @@ def test_adam_finds_them(kind: Kind):
     assert errors[-1] < 0.1 * errors[0]
 
 
+@of_each(SLOPED, CURVED)
 @pytest.mark.parametrize("linear", [True, False], ids=["linear", "sRGB"])
-def test_holdouts_are_black_and_cover_as_much_as_without_slopes(linear):
-    model = SLOPED.model
+def test_holdouts_are_black_and_cover_as_much_as_those_of_one_colour(kind: Kind, linear):
+    model = kind.model
     params, camera, seen = upload(model), DeviceCamera.upload(CAMERA), options(model)
     holdout = np.arange(12) % 3 == 0
     masks = SplatMasks(mi.Bool(np.zeros(12, bool)), mi.Bool(holdout), True)
     shown = masks.shown(params, linear)
-    slopes = shown["color_slopes"].numpy().reshape(-1, 9)
-    of_holdouts = holdout[model.slope_index]
-    assert of_holdouts.any() and not slopes[of_holdouts].any()
-    np.testing.assert_array_equal(slopes[~of_holdouts], model.color_slopes.reshape(-1, 9)[~of_holdouts])
-    without = masks.shown(upload(model.without_slopes()), linear)
+    values = shown[kind.name].numpy().reshape(-1, *kind.shape)
+    of_holdouts = holdout[kind.index(model)]
+    assert of_holdouts.any() and not values[of_holdouts].any()
+    np.testing.assert_array_equal(values[~of_holdouts], kind.values(model)[~of_holdouts])
+    without = masks.shown(upload(kind.without(model)), linear)
     np.testing.assert_array_equal(masks.hole(shown, camera, seen, None), masks.hole(without, camera, seen, None))
 
 

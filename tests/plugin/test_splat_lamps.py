@@ -74,6 +74,19 @@ def test_no_model_in_display_colours_has_lamps_and_of_many_the_brightest_are_tak
     assert sorted(float(np.array(c).ravel()[0]) for c in lamps.center) == [3.0 * k for k in range(12, 20)]
 
 
+def test_brightness_that_curves_counts_with_its_mean():
+    """Of these only the middle of the first and the rim of the second are bright enough; on average the second is."""
+    colors = np.full((4, 3), [[BRIGHT + 1], [BRIGHT - 1], [BRIGHT + 1], [BRIGHT - 1]])
+    splats = rounded(make_splats([[0, 0, 3], [1, 0, 3], [2, 0, 3], [3, 0, 3]], colors=colors))
+    splats.curvature_index = np.array([0, 1, 2], np.uint32)
+    splats.brightness_curvatures = np.array([[-6, -6, -6, 9, 9, 9], [6, 6, 6, 0, 0, 0], [3, -3, 0, 30, 30, 30]], "f4")
+    lamps, flat = (lamps_of(upload(of), linear=True) for of in (splats, splats.without_curvatures()))
+    assert lamps and flat
+    for found in (lamps, flat):
+        assert sorted(float(np.array(c).ravel()[0]) for c in found.center) == [1, 2]
+    np.testing.assert_allclose(np.ravel(lamps.power), np.ravel(flat.power), rtol=1e-5)
+
+
 def test_derivatives_of_a_lamp_are_those_of_differences():
     """Along one direction, with the same random numbers; its colour and opacity move no direction of a path."""
     splats = make_splats([[1.2, 0, 2.5]], 0.3, 0.9, [[30.0, 20, 10]])

@@ -1,4 +1,4 @@
-"""What holds on rays for slopes and for cuts: beside models without them, and where they are not finite."""
+"""What holds on rays for slopes, curvatures and cuts: beside models without them, and where they are not finite."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def test_a_model_without_them_beside_one_with_them(kind: Kind):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-@for_each_kind("place", (2, 1, 0), (2, 1))
+@for_each_kind("place", (2, 1, 0), (2, 4), (2, 1))
 def test_a_primitive_whose_values_are_not_finite_is_not_drawn(kind: Kind, place, value):
     splats = rounded(kind.drawn(0.5, 20, seed=7))
     broken = Splats(**{**vars(splats), kind.name: kind.values(splats).copy()})
