@@ -28,3 +28,10 @@ def slope_colors(splats: Splats, points: np.ndarray) -> np.ndarray:
     """[S, P, 3] float64, what slopes add to the colour of their primitive at points [S, P, 3] in the world."""
     w = along_axes(splats, splats.slope_index, points)
     return np.einsum("spa,sac->spc", w, splats.color_slopes.astype(np.float64))
+
+
+def curvature_brightness(splats: Splats, points: np.ndarray) -> np.ndarray:
+    """[B, P] float64, by how much curvatures make their primitive brighter at points [B, P, 3] in the world."""
+    x, y, z = np.moveaxis(along_axes(splats, splats.curvature_index, points), 2, 0)
+    xx, yy, zz, xy, xz, yz = splats.brightness_curvatures.astype(np.float64).T[..., None]
+    return (xx * x**2 + yy * y**2 + zz * z**2) / 2 + xy * x * y + xz * x * z + yz * y * z
