@@ -31,12 +31,20 @@ def in_common_light(models: Sequence[Model], lights: Sequence[Light]) -> tuple[l
 
 
 def made_linear(model: Model) -> Model:
-    """A model of sRGB values in linear radiance: exact for mean colours, to first order for directions and slopes."""
+    """A model of sRGB values in linear radiance: exact for mean colours, to first order for the rest.
+
+    A brightness of all channels becomes their mean, as it stays one.
+    """
     color = 0.5 + C0 * model.sh_coeffs[:, 0].astype(np.float64)  # [N, 3]
-    sh = model.sh_coeffs * decoded_slope(color)[:, None]
+    steepness = decoded_slope(color)
+    sh = model.sh_coeffs * steepness[:, None]
     sh[:, 0] = (decoded(color) - 0.5) / C0
-    slopes = model.color_slopes * decoded_slope(color)[:, None]
-    return replace(model, sh_coeffs=sh.astype(np.float32), color_slopes=slopes.astype(np.float32))
+    return replace(
+        model,
+        sh_coeffs=sh.astype(np.float32),
+        color_slopes=(model.color_slopes * steepness[:, None]).astype(np.float32),
+        brightness_curvatures=(model.brightness_curvatures * steepness.mean(axis=1)[:, None]).astype(np.float32),
+    )
 
 
 def spz_radiance(model: Model, light: Light, comments: Sequence[str]) -> Model:

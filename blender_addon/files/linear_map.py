@@ -11,11 +11,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .model import GROUPS, Model, normalized
+from .model import ALONG_AXES, Model, normalized
 from .rotation import quaternion_from_rotation, rotations
 from .sh import sh_basis
 
 POLAR, AROUND = 64, 128  # directions of the quadrature: exact to rounding up to ratios of 10 to 1
+ROWS, COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]  # of the matrix Q whose entries curvatures are
+OF_MATRIX = [[0, 3, 4], [3, 1, 5], [4, 5, 2]]  # which of them its entries are
 LEAST = 1e-36  # scale that is told from nothing
 FLATTEST = 1e-7  # smallest over largest singular value of a map that can be undone in float32
 
@@ -38,7 +40,7 @@ def mapped(model: Model, linear: NDArray) -> Model:
     pseudo = u.swapaxes(1, 2) @ columns * (factors * scales)[:, None]  # rows are the new axes
     log_factors = np.log(np.linalg.norm(pseudo, axis=2) / sizes)
     along = u.swapaxes(1, 2) @ columns * scales[:, None] / sizes[:, :, None]  # from old deviations to new ones
-    taken = {group.values: _taken_along(along, getattr(model, group.values)) for group in GROUPS}
+    taken = {group.values: _taken_along(along, getattr(model, group.values)) for group in ALONG_AXES}
     project = sh_projection(linear, model.sh_degree)
     return replace(
         model,
@@ -46,6 +48,7 @@ def mapped(model: Model, linear: NDArray) -> Model:
         quats=quaternion_from_rotation(u).astype(np.float32),
         sh_coeffs=np.einsum("ij,njc->nic", project, model.sh_coeffs.astype(np.float64)).astype(np.float32),
         dog_log_scales=np.where(model.is_dog[:, None], log_factors, model.dog_log_scales).astype(np.float32),
+        brightness_curvatures=_turned(along, model.brightness_curvatures),
         **taken,
     )
 
@@ -54,6 +57,14 @@ def _taken_along(along: NDArray, values: NDArray) -> NDArray[np.float32]:
     """Values [N, 3 or 0, ...] per standard deviation of each axis, which an orthogonal [N, 3, 3] takes along."""
     k = values.shape[1]
     return np.einsum("nij,nj...->ni...", along[:, :k, :k], values.astype(np.float64)).astype(np.float32)
+
+
+def _turned(along: NDArray, curvatures: NDArray) -> NDArray[np.float32]:
+    """Curvatures [N, 6 or 0] of the matrices T Q Tᵀ, those of Q turned by an orthogonal T [N, 3, 3]."""
+    if not curvatures.shape[1]:
+        return curvatures
+    turned = along @ curvatures.astype(np.float64)[:, OF_MATRIX] @ along.swapaxes(1, 2)
+    return turned[:, ROWS, COLUMNS].astype(np.float32)
 
 
 def sh_projection(linear: NDArray, degree: int) -> NDArray[np.float64]:

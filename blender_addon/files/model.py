@@ -2,8 +2,8 @@
 
 Nothing here knows Blender, so it can be tested with any Python. Raw values (``log_``, ``logit_``) are what files hold;
 every other name is activated. DoG values have a row for every primitive; those of a plain Gaussian mean nothing. So
-have slopes, of colours that vary over their primitive, and cuts and second cuts, of planes that cut one off, where any
-primitive has them.
+have slopes, of colours that vary over their primitive, curvatures, of a brightness that curves over it, and cuts and
+second cuts, of planes that cut one off, where any primitive has them.
 """
 
 from __future__ import annotations
@@ -36,10 +36,12 @@ class RowGroup:
 
 
 SLOPES = RowGroup("has_slopes", "color_slopes", (3, 3))
+CURVATURES = RowGroup("has_curvatures", "brightness_curvatures", (6,))
 CUTS = RowGroup("has_cuts", "cut_normals", (3,))
 SECOND_CUTS = RowGroup("has_second_cuts", "second_cut_normals", (3,))
 PLANES = (CUTS, SECOND_CUTS)  # each with or without the other
-GROUPS = (SLOPES, *PLANES)
+ALONG_AXES = (SLOPES, *PLANES)  # values per standard deviation along the axes, which come first
+GROUPS = (SLOPES, CURVATURES, *PLANES)
 
 
 @dataclass(eq=False)
@@ -56,6 +58,8 @@ class Model:
     dog_log_scales: Array  # [N, 3] log of F: the pseudo-Gaussian has scales F s
     has_slopes: NDArray[np.bool_]  # [N]
     color_slopes: Array  # [N, 3, 3] of the colour per standard deviation: axis, channel; [N, 0, 3] where none has any
+    has_curvatures: NDArray[np.bool_]  # [N]
+    brightness_curvatures: Array  # [N, 6] xx, yy, zz, xy, xz, yz of Q: brighter by ½ wᵀ Q w; [N, 0] where none has any
     has_cuts: NDArray[np.bool_]  # [N]
     cut_normals: Array  # [N, 3] along the axes, per standard deviation; [N, 0] where none has any
     has_second_cuts: NDArray[np.bool_]  # [N]
@@ -81,7 +85,7 @@ class Model:
 
 
 def concatenate(models: list[Model]) -> Model:
-    """One model of several; missing bands of spherical harmonics, slopes and cuts are filled up with zeros."""
+    """One model of several; missing bands of spherical harmonics, slopes and so on are filled up with zeros."""
     columns = {field.name: [getattr(model, field.name) for model in models] for field in fields(Model)}
     for name in ("sh_coeffs", *(group.values for group in GROUPS)):
         k = max(values.shape[1] for values in columns[name])

@@ -1,4 +1,4 @@
-"""Models as PLY files: 3DGS columns in ``vertex``, and the elements ``dog``, ``slopes``, ``cuts`` and ``second_cuts``.
+"""Models as PLY files: 3DGS columns in ``vertex``, and elements of what only some primitives have, ``dog`` and others.
 
 Colours of primitives that have SH degrees of their own, in the elements ``sh1`` to ``sh3``, are filled up with zeros.
 The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keeps the add-on free of other packages.
@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 
 from .errors import FileError
-from .model import CUTS, SECOND_CUTS, SLOPES, Model
+from .model import CURVATURES, CUTS, SECOND_CUTS, SLOPES, Model
 from .whole import write_whole
 
 _POSITION = ("x", "y", "z")
@@ -26,6 +26,7 @@ _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 _CUT = ("cut_0", "cut_1", "cut_2")
 _GROUPS = {"slopes": (SLOPES, tuple(f"slope_{i}" for i in range(9))),  # axis by axis, three channels each
+           "curvatures": (CURVATURES, tuple(f"curvature_{i}" for i in range(6))),
            "cuts": (CUTS, _CUT), "second_cuts": (SECOND_CUTS, _CUT)}  # fmt: skip
 _ELEMENTS = ("vertex", "dog", *_GROUPS, "sh1", "sh2", "sh3")
 _TYPES = {

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .linear_map import check_regular, mapped
-from .model import GROUPS, Model, normalized
+from .model import ALONG_AXES, Model, normalized
 from .rotation import quaternion_from_rotation, quaternion_product
 from .sh import sh_rotation
 
@@ -37,7 +37,7 @@ def transformed(model: Model, matrix: np.ndarray) -> Model:
         log_scales=(model.log_scales + np.log(scale)).astype(np.float32),
         quats=quats.astype(np.float32),
         sh_coeffs=np.einsum("ij,njc->nic", turn, model.sh_coeffs.astype(np.float64)).astype(np.float32),
-        **({} if turns else {group.values: -getattr(model, group.values) for group in GROUPS}),
+        **({} if turns else {group.values: -getattr(model, group.values) for group in ALONG_AXES}),
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..files.sh import C0, SH_TERMS
 from ..files.srgb import KNEE, LINEAR_KNEE, OFFSET, POWER, SCALE, SLOPE
-from ..objects.attributes import BASE, SH
+from ..objects.attributes import BASE, CURVATURE_SQUARES, SH
 from ..objects.working_space import working_matrix
 from .builder import Tree, Value, Vector, arrange, new_group, wrap
 from .geometry import switch
@@ -60,7 +60,8 @@ def attribute_socket(tree: Tree, name: str, kind: str) -> bpy.types.NodeSocket:
 def color_group(space: str = "") -> bpy.types.NodeTree:
     """Colour of a splat seen in a direction: max(0, SH + 0.5), as sRGB values or made linear.
 
-    Linear ones, and the radiance of linear models, are those of the working space.
+    Linear ones, and the radiance of linear models, are those of the working space. Where the brightness curves over a
+    splat, its average is part of the colour: a sixth of the trace of its matrix.
     """
     name = "DoG Splat color"
     if existing := cached_group(name, space):
@@ -77,6 +78,7 @@ def color_group(space: str = "") -> bpy.types.NodeTree:
 
     base = Vector(tree, named_attribute(tree, BASE, "FLOAT_COLOR"))
     color = base * C0 + (0.5, 0.5, 0.5)
+    color = color + named_attribute(tree, CURVATURE_SQUARES).dot((1 / 6, 1 / 6, 1 / 6))  # 0 where no splat has any
     for band in range(1, 4):
         total = None
         for k in range(band**2, (band + 1) ** 2):

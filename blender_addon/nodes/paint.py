@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ..files.sh import C0
-from ..objects.attributes import BASE, ERASE, PAINT_INDEX, SH, SLOPE_VECTORS, TINT
+from ..objects.attributes import BASE, CURVATURE_VECTORS, ERASE, PAINT_INDEX, SH, SLOPE_VECTORS, TINT
 from ..objects.working_space import working_matrix
 from .builder import Tree, Value, Vector, new_group, wrap
 from .geometry import delete, describe, has_attribute, has_object, store, switch
@@ -102,7 +102,10 @@ def _parts(tree: Tree, socket: Any) -> list[Any]:
 
 
 def _tinted(tree: Tree, points: Any, color: Vector, strength: Value, linear: Value, space: str) -> Any:
-    """Colours times the tint as it is seen: c = 1/2 + C0 dc + … becomes t c. What is not tinted keeps its bits."""
+    """Colours times the tint as it is seen: c = 1/2 + C0 dc + … becomes t c. What is not tinted keeps its bits.
+
+    A brightness of all channels cannot have the hue of the tint: it is multiplied by the mean, which is nearest.
+    """
     distance = tree.vector_math("DISTANCE", color, (1.0, 1.0, 1.0), output="Value")  # white in every space
     tinted = strength * distance > 0.0
     if space:
@@ -115,7 +118,9 @@ def _tinted(tree: Tree, points: Any, color: Vector, strength: Value, linear: Val
     for socket, value in zip(joined.inputs, (*dc.split(), alpha), strict=True):
         tree.plug(socket, value)
     points = store(tree, points, BASE, joined.outputs[0], "FLOAT_COLOR", tinted)
-    for name in (*(SH.format(k) for k in range(15)), *SLOPE_VECTORS):
-        changed = store(tree, points, name, named_attribute(tree, name) * factor, where=tinted)
+    factors = dict.fromkeys((*(SH.format(k) for k in range(15)), *SLOPE_VECTORS), factor)
+    factors |= dict.fromkeys(CURVATURE_VECTORS, factor.dot((1 / 3, 1 / 3, 1 / 3)))
+    for name, times in factors.items():
+        changed = store(tree, points, name, named_attribute(tree, name) * times, where=tinted)
         points = switch(tree, "GEOMETRY", has_attribute(tree, points, name), points, changed)
     return points

@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from ..files.model import (
+    CURVATURES,
     CUTS,
     SECOND_CUTS,
     SLOPES,
@@ -29,8 +30,11 @@ from .columns import Geometry, get_column, put_column
 SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
 OPACITY_FACTOR, SCALE_FACTOR = "dog:opacity_factor", "dog:scale_factor"
 SLOPE_VECTORS = tuple(f"dog:slope_{axis}" for axis in "xyz")  # along that axis of the splat
+CURVATURE_SQUARES = "dog:curvature_squares"  # xx, yy, zz of its matrix; a brightness is that in any working space
+CURVATURE_VECTORS = (CURVATURE_SQUARES, "dog:curvature_products")  # xy, xz, yz
 OF_GROUPS = {  # where any splat has rows of the group: the attribute that is 1 for those, and their vectors
     SLOPES: ("dog:has_slopes", SLOPE_VECTORS),
+    CURVATURES: ("dog:has_curvatures", CURVATURE_VECTORS),
     CUTS: ("dog:has_cuts", ("dog:cut_normal",)),
     SECOND_CUTS: ("dog:has_second_cuts", ("dog:second_cut_normal",)),
 }
@@ -89,7 +93,7 @@ def has_splats(obj: bpy.types.Object | None) -> bool:
 
 
 def has_any(obj: bpy.types.Object, *groups: RowGroup) -> bool:
-    """Whether any of its splats may have rows of one of these, slopes or cuts, which Blender's engines do not draw."""
+    """Whether any of its splats may have rows of one of these, such as slopes, which Blender's engines do not draw."""
     return any(OF_GROUPS[group][0] in obj.data.attributes for group in groups)
 
 

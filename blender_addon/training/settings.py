@@ -35,6 +35,7 @@ PRESETS = (
     ("ours_cuts", "Ours with Slopes and Cuts", "Ours, with such colors, and with splats that planes cut off"),
     ("ours_preconditioned", "Ours, Preconditioned", "With slopes, cuts, and steps that move a splat's numbers jointly"),
     ("ours_second_cuts", "Ours with Second Cuts", "As preconditioned, and a second plane may cut off each splat"),
+    ("ours_curvatures", "Ours with Curvatures", "As with second cuts, and a brightness that curves over each splat"),
     ("paper", "Paper", "The published method, as it is printed"),
     ("released", "Released", "The published method, as in its code"),
     ("3dgs", "3DGS", "Plain 3D Gaussian splatting: nothing is pruned, nothing is DoG"),

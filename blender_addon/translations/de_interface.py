@@ -288,6 +288,7 @@ REST = {
     "Colors need an active camera, or Follow View": "Farben brauchen eine aktive Kamera oder „Ansicht folgen“",
     "EEVEE: no negative lobes": "EEVEE: keine negativen Keulen",
     "Blender draws mean colors, no slopes": "Blender zeichnet mittlere Farben, keine Verläufe",
+    "Blender draws mean brightness, no curvatures": "Blender zeichnet mittlere Helligkeit, keine Krümmungen",
     "Blender draws whole splats, no cuts": "Blender zeichnet ganze Splats, keine Schnitte",
     "No splat modifier: import the model again": "Kein Splat-Modifikator: Modell neu importieren",
     "{name}: {count:,} splats": "{name}: {count:,} Splats",

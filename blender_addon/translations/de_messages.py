@@ -4,6 +4,7 @@ MESSAGES = {
     # What was done
     "{total:,} splats imported, {dog:,} of them DoG": "{total:,} Splats importiert, davon {dog:,} DoG",
     "{n:,} with slopes": "{n:,} mit Farbverläufen",
+    "{n:,} with curvatures": "{n:,} mit Krümmungen",
     "{n:,} with a cut": "{n:,} mit einem Schnitt",
     "{n:,} with a second cut": "{n:,} mit einem zweiten Schnitt",
     "{count:,} splats exported": "{count:,} Splats exportiert",

@@ -15,6 +15,7 @@ OWN = {
     "Ours with Slopes and Cuts": "Unsere mit Verläufen und Schnitten",
     "Ours, Preconditioned": "Unsere, vorkonditioniert",
     "Ours with Second Cuts": "Unsere mit zweiten Schnitten",
+    "Ours with Curvatures": "Unsere mit Krümmungen",
     "Paper": "Veröffentlichung",
     "Released": "Veröffentlichter Code",
     "3DGS": "3DGS",
@@ -77,6 +78,9 @@ REST = {
     ),
     "As preconditioned, and a second plane may cut off each splat": (
         "Wie vorkonditioniert, und eine zweite Ebene kann jeden Splat abschneiden"
+    ),
+    "As with second cuts, and a brightness that curves over each splat": (
+        "Wie mit zweiten Schnitten, und mit einer Helligkeit, die über jeden Splat gekrümmt verläuft"
     ),
     "The published method, as it is printed": "Das veröffentlichte Verfahren, wie es gedruckt steht",
     "The published method, as in its code": "Das veröffentlichte Verfahren, wie in seinem veröffentlichten Code",

@@ -1,9 +1,11 @@
-"""Slopes of colours, cuts and second cuts: kept through all that Blender does to splats, drawn by the package."""
+"""Slopes of colours, curvatures, cuts and second cuts: kept through all that Blender does, drawn by the package."""
+
+from dataclasses import replace
 
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import psnr, rendered
+from blender_pictures import EEVEE, psnr, rendered
 from drawn_panels import drawn
 from edits import PLACED, TURN, cropped, local, paint, shown
 from live_views import staged, through_the_camera
@@ -14,9 +16,10 @@ from references import REFERENCES, place_camera, reference
 from surroundings import body, material, plane
 
 from blender_addon.editing.stand_in import stand_in_of
-from blender_addon.files.model import Model, concatenate, normalized
+from blender_addon.files.model import CURVATURES, Model, concatenate, normalized
 from blender_addon.files.ply import read_ply, write_ply
 from blender_addon.files.rotation import rotations
+from blender_addon.files.sh import C0
 from blender_addon.nodes.modifier import edit_modifiers, set_input
 from blender_addon.objects import cloud
 from blender_addon.objects.attributes import read_attributes
@@ -25,14 +28,19 @@ from blender_addon.package.renderers import InProcess
 from blender_addon.render_engine import ENGINE
 
 NO_SLOPES, NO_CUTS = "Blender draws mean colors, no slopes", "Blender draws whole splats, no cuts"
-NOTES = {"slopes": NO_SLOPES, "cuts": NO_CUTS, "second_cuts": NO_CUTS}
-VALUES = {"slopes": "color_slopes", "cuts": "cut_normals", "second_cuts": "second_cut_normals"}
+NO_CURVATURES = "Blender draws mean brightness, no curvatures"
+NOTES = {"slopes": NO_SLOPES, "curvatures": NO_CURVATURES, "cuts": NO_CUTS, "second_cuts": NO_CUTS}
+VALUES = {"slopes": "color_slopes", "curvatures": "brightness_curvatures", "cuts": "cut_normals",
+          "second_cuts": "second_cut_normals"}  # fmt: skip
 ATTRIBUTES = {
     "slopes": [f"dog:slope_{axis}" for axis in "xyz"],
+    "curvatures": ["dog:curvature_squares", "dog:curvature_products"],
     "cuts": ["dog:cut_normal"],
     "second_cuts": ["dog:second_cut_normal"],
 }
-WORDS = {"slopes": "50 with slopes", "cuts": "50 with a cut", "second_cuts": "50 with a second cut"}
+WORDS = {"slopes": "50 with slopes", "curvatures": "50 with curvatures", "cuts": "50 with a cut",
+         "second_cuts": "50 with a second cut"}  # fmt: skip
+MATRIX = [[0, 3, 4], [3, 1, 5], [4, 5, 2]]  # of curvatures: which of them its entries are
 
 
 @pytest.fixture(params=NOTES)
@@ -42,7 +50,7 @@ def kind(request):
 
 @pytest.fixture
 def path(kind):
-    """A model of which every third splat has slopes, a cut, or a second one without a first."""
+    """A model of which every third splat has slopes, curvatures, a cut, or a second one without a first."""
     return REFERENCES / f"{kind}.ply"
 
 
@@ -64,10 +72,13 @@ def who(model: Model, kind: str) -> np.ndarray:
 
 
 def shown_at(model: Model, kind: str, points: np.ndarray) -> np.ndarray:
-    """Of those that have some, at points [M, P, 3] of the world: what slopes add to colours, or what a cut leaves."""
+    """Of those that have some, at points [M, P, 3] of the world: what they add to colours, or what a cut leaves."""
     rows = who(model, kind)
     w = np.linalg.solve(columns(model)[rows][:, None], (points - model.means[rows][:, None])[..., None])[..., 0]
-    along = np.einsum("mpa,ma...->mp...", w, getattr(model, VALUES[kind])[rows].astype(float))
+    values = getattr(model, VALUES[kind])[rows].astype(float)
+    if kind == "curvatures":
+        return np.einsum("mpa,mab,mpb->mp", w, values[:, MATRIX], w) / 2
+    along = np.einsum("mpa,ma...->mp...", w, values)
     return along if kind == "slopes" else (1 + np.exp(-4)) / (1 + np.exp(-4 - along))
 
 
@@ -163,14 +174,15 @@ def test_joined_with_a_model_without_they_stay_and_the_others_get_none(path, kin
     assert_taken_along(found.select(np.arange(start, start + 150)), raw, kind, matrix)
 
 
-def test_a_tint_multiplies_slopes_and_leaves_cuts_alone(path, kind):
+def test_a_tint_multiplies_slopes_and_curvatures_and_leaves_cuts_alone(path, kind):
     obj, raw = load(path), read_ply(path)
     bpy.ops.dogsplat.paint(what="TINT")
     tinted = np.arange(30, 60)
     paint(stand_in_of(obj), tinted, color=(1.0, 0.2, 0.0, 1.0))
     found, factor = shown(obj), np.array([1.0, 1.055 * 0.2 ** (1 / 2.4) - 0.055, 0.0])
     now, before = (getattr(model, VALUES[kind])[tinted] for model in (found, raw))
-    assert np.allclose(now, before * (factor if kind == "slopes" else 1), atol=1e-5)
+    times = {"slopes": factor, "curvatures": factor.mean()}.get(kind, 1)
+    assert np.allclose(now, before * times, atol=1e-5)
     assert np.abs(before).max() > 0.3
     others = np.setdiff1d(np.arange(raw.n_splats), tinted)
     assert_equal(found.select(others), raw.select(others))
@@ -186,8 +198,9 @@ def test_as_attributes_of_points_they_are_what_they_were(path, kind):
     cloud.put_columns(points, raw, "FLOAT_COLOR")
     assert_equal(read_attributes(points), raw)
     put_column(points, ATTRIBUTES[kind][0], np.zeros((raw.n_splats, 3), np.float32))
-    first = getattr(read_attributes(points), VALUES[kind])
-    assert not (first[:, 0] if kind == "slopes" else first).any()
+    now = getattr(read_attributes(points), VALUES[kind]).reshape(raw.n_splats, len(ATTRIBUTES[kind]), 3)
+    before = getattr(raw, VALUES[kind]).reshape(now.shape)
+    assert not now[:, 0].any() and np.array_equal(now[:, 1:], before[:, 1:])
 
 
 def test_the_panel_says_what_blender_does_not_draw(scene, path, kind, model, together):
@@ -203,7 +216,24 @@ def test_the_panel_says_what_blender_does_not_draw(scene, path, kind, model, tog
     load(together)
     assert not {*NOTES.values()} & {*drawn()}
     scene.render.engine = "CYCLES"
-    assert [name for name in drawn() if name in NOTES.values()] == [NO_SLOPES, NO_CUTS]
+    assert [name for name in drawn() if name in NOTES.values()] == [NO_SLOPES, NO_CURVATURES, NO_CUTS]
+
+
+@pytest.mark.parametrize("engine", [EEVEE, "CYCLES"])
+def test_blender_draws_the_average_brightness(scene, engine, tmp_path):
+    """As of the model whose colours have it."""
+    raw = read_ply(REFERENCES / "curvatures.ply")
+    raw.sh_coeffs[:, 0] += raw.brightness_curvatures[:, :3].sum(axis=1, keepdims=True) / 6 / C0
+    flat = replace(raw, **CURVATURES.of_none(raw.n_splats))
+    write_ply(tmp_path / "flat.ply", flat)
+    place_camera(scene, "curvatures")
+    pictures = []
+    for path in (REFERENCES / "curvatures.ply", tmp_path / "flat.ply", REFERENCES / "dog.ply"):
+        obj = load(path)
+        pictures.append(rendered(scene, engine, tmp_path))
+        bpy.data.objects.remove(obj)
+    drawn, expected, without = pictures
+    assert np.abs(drawn - expected).max() < 1e-4 < 1e-2 < np.abs(without - expected).max()
 
 
 @pytest.mark.parametrize("placed", [False, True])

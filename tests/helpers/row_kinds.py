@@ -1,4 +1,4 @@
-"""Slopes and cuts by their names, for tests of what is the same of both."""
+"""Slopes, curvatures and cuts by their names, for tests of what is the same of both."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class RowKind:
     """A kind of rows in models and optimizers. Files of tests add what they need of it."""
 
     word: str
-    """``slopes``, ``cuts`` or ``second_cuts``"""
+    """``slopes``, ``curvatures``, ``cuts`` or ``second_cuts``"""
     group: RowGroup
     """with one array of values"""
 

@@ -28,9 +28,9 @@ from mi_dogsplat.scene.sh_basis import sh_basis_table
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
 from mi_dogsplat.training.presets import RECIPES
-from own_axes_models import EACH_KIND, KINDS, SLOPED, for_each_kind
+from own_axes_models import CURVED, EACH_KIND, KINDS, SLOPED, for_each_kind
 from places import points_in
-from sloped_models import slope_colors, with_slopes
+from sloped_models import curvature_brightness, slope_colors, with_curvatures, with_slopes
 from splat_scenes import axis_rotation, random_splats, rounded
 
 ADDON = Path(__file__).parents[2] / "blender_addon"
@@ -64,7 +64,8 @@ def as_model(addon, splats):
     rows: dict[str, np.ndarray] = {}
     for kind in KINDS:
         index, (has, name) = kind.index(splats), of_addon(kind)
-        rows |= {has: np.zeros(n, bool), name: np.zeros((n, 3 * bool(len(index)), *kind.shape[1:]), np.float32)}
+        first, *rest = kind.shape
+        rows |= {has: np.zeros(n, bool), name: np.zeros((n, first * bool(len(index)), *rest), np.float32)}
         if len(index):
             rows[has][index], rows[name][index] = True, kind.values(splats)
     return addon("files.model").Model(*values, is_dog, logits, scales, **rows)
@@ -76,7 +77,7 @@ def of_addon(kind) -> tuple[str, str]:
 
 
 def with_kernels_of(splats, model):
-    """Primitives with kernels, slopes and cuts as the add-on has them."""
+    """Primitives with kernels, slopes, curvatures and cuts as the add-on has them."""
     changed = {"means": model.means, "log_scales": model.log_scales, "quats": model.quats[:, [1, 2, 3, 0]]}
     for kind in KINDS:
         which, values = (getattr(model, name) for name in of_addon(kind))
@@ -106,7 +107,8 @@ def test_a_transform_makes_the_same_of_a_model(addon, name):
 def test_a_moved_primitive_shows_the_same_at_the_same_places(addon, name, kind):
     """By what places show, as axes may be named in another order."""
     matrix, splats = np.eye(4), kind.having(random_splats(40, seed=7), every=3)
-    shown = slope_colors if kind is SLOPED else partial(kept_shares, plane=kind.group)
+    added = {SLOPED.word: slope_colors, CURVED.word: curvature_brightness}
+    shown = added.get(kind.word) or partial(kept_shares, plane=kind.group)
     matrix[:3, :3], matrix[:3, 3] = MAPS[name], (0.4, -0.3, 0.2)
     moved = addon("files.transform").transformed(as_model(addon, splats), matrix)
     points = points_in(splats, kind.index(splats))
@@ -135,13 +137,14 @@ def test_a_file_comes_back_byte_for_byte(addon, tmp_path, every, kind):
     require_same_file(ply, tmp_path, model.select(chosen), splats.select(chosen))
 
 
-def test_a_file_with_slopes_and_both_cuts_comes_back_byte_for_byte(addon, tmp_path):
+def test_a_file_with_all_kinds_comes_back_byte_for_byte(addon, tmp_path):
     splats, ply = random_splats(40, seed=7), addon("files.ply")
-    for kind, every in zip(KINDS, (3, 2, 5), strict=True):
+    for kind, every in zip(KINDS, (3, 4, 2, 5), strict=True):
         splats = kind.having(splats, every)
     write_ply(tmp_path / "a.ply", splats)
     model = ply.read_ply(tmp_path / "a.ply")
     assert (model.has_slopes & model.has_cuts).sum() == 7 and (model.has_cuts & model.has_second_cuts).sum() == 4
+    assert (model.has_slopes & model.has_curvatures).sum() == 4
     require_same_file(ply, tmp_path, model, splats)
 
 
@@ -165,7 +168,7 @@ def test_a_model_without_rows_joins_one_that_has_some(addon, kind):
     assert getattr(join([as_model(addon, none)] * 2), kind.name).shape[:2] == (10, 0)
 
 
-@for_each_kind("column", slopes="slope_8", cuts="cut_2")
+@for_each_kind("column", slopes="slope_8", curvatures="curvature_5", cuts="cut_2")
 def test_rows_that_are_wrong_in_a_file_are_one_line(addon, tmp_path, kind, column):
     splats = kind.having(random_splats(9, seed=1), every=2)
     write_ply(tmp_path / "a.ply", splats)
@@ -198,6 +201,17 @@ def test_slopes_of_srgb_values_become_those_of_radiance_to_first_order(addon):
         ends = [decoded(color + sign * step * splats.color_slopes[:, axis]) for sign in (1, -1)]
         slope = (ends[0] - ends[1]) / (2 * step)
         np.testing.assert_allclose(linear.color_slopes[:, axis], slope, rtol=1e-3, atol=1e-5)
+
+
+def test_curvatures_of_srgb_values_become_those_of_radiance_to_first_order(addon):
+    """Oracle: the curve at a brightness of all channels, whose mean is what one brightness can show of it."""
+    splats = with_curvatures(random_splats(30, seed=7, degree=0), every=1)
+    linear, decoded = addon("files.light").made_linear(as_model(addon, splats)), addon("files.srgb").decoded
+    color, step = 0.5 + 0.28209479177387814 * splats.sh_coeffs[:, 0].astype(float), 1e-4
+    for i, brighter in enumerate(splats.brightness_curvatures.T[..., None] * step):
+        expected = (decoded(color + brighter) - decoded(color - brighter)).mean(axis=1) / (2 * step)
+        np.testing.assert_allclose(linear.brightness_curvatures[:, i], expected, rtol=1e-3, atol=1e-5)
+    assert addon("files.light").made_linear(as_model(addon, splats.without_slopes())).brightness_curvatures.size == 0
 
 
 @pytest.mark.parametrize("degree", range(4))
