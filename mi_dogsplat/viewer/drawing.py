@@ -82,7 +82,7 @@ class Drawing:
         """What can be shown of this model and its data."""
         dog = [WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE] if self.splats.n_dog else []
         slopes = [WITHOUT_SLOPES, SLOPE_DIFFERENCE] if self.splats.n_slopes else []
-        cuts = [WITHOUT_CUTS, CUT_DIFFERENCE] if self.splats.n_cuts else []
+        cuts = [WITHOUT_CUTS, CUT_DIFFERENCE] if self.splats.is_cut.any() else []
         return [MODEL, *dog, *slopes, *cuts, *([ERROR, PHOTOGRAPH] if self.views else [])]
 
     def draw(self, pose: Pose, settings: Settings, moving: bool = False) -> Drawn:
