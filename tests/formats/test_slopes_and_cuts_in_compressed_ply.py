@@ -47,7 +47,7 @@ def kept_share_changed(back: Splats, truth: Splats, plane: RowGroup = CUTS) -> f
 
 @dataclass(frozen=True)
 class Kind(RowKind):
-    """Rows as numbers with a unit, below which they are told apart evenly; behind all that may come before, or alone."""
+    """Rows as numbers with a unit, below which they are told apart evenly; behind what may come before, or alone."""
 
     rows: Rows
     unit: float

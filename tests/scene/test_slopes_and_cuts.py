@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from cut_models import kept_shares, with_cuts, with_second_cuts
+from mi_dogsplat.scene.kinds import kinds, kinds_of
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.row_groups import CUTS, PLANES, SECOND_CUTS, SLOPES, RowGroup
@@ -191,6 +192,12 @@ def test_without_them_all_else_stays(element):
 def test_a_primitive_is_cut_if_either_plane_cuts_it_off():
     assert np.flatnonzero(model_of_all().is_cut).tolist() == [0, 2, 3, 6]
     assert np.flatnonzero(model("second_cuts").is_cut).tolist() == INDEX and not random_splats().is_cut.any()
+
+
+def test_kinds_are_counted_in_words_and_nothing_is_said_of_what_is_not_there():
+    assert kinds_of(model_of_all()) == "3 of them DoG, 4 with slopes, 3 with a cut, 3 with a second"
+    assert kinds_of(model("second_cuts", dog_index=())) == "0 of them DoG, 4 with a second"
+    assert kinds({"n_cuts": 0, "n_second_cuts": 1234}) == "\u2013 of them DoG, 0 with a cut, 1,234 with a second"
 
 
 @pytest.mark.parametrize(
