@@ -37,9 +37,9 @@ def test_of_one_primitive_it_is_the_energy_of_the_change(scales, axis):
     assert estimated(sloped)[0] == pytest.approx(measured(sloped, 0), rel=0.02)
 
 
-@pytest.mark.parametrize("cut_share", [0, 0.5])
-def test_among_others_it_orders_primitives_as_their_changes_do(cut_share):
-    splats = rounded(random_splats(24, 4, 1, 0.3, slope_share=0.8, cut_share=cut_share))
+@pytest.mark.parametrize("cut_shares", [(0, 0), (0.5, 0), (0.5, 0.5)])
+def test_among_others_it_orders_primitives_as_their_changes_do(cut_shares):
+    splats = rounded(random_splats(24, 4, 1, 0.3, 0.8, *cut_shares))
     found = estimated(splats)
     has = np.isin(np.arange(24), splats.slope_index)
     assert not found[~has].any()
