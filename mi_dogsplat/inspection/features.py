@@ -41,7 +41,7 @@ class Feature:
     reason: str
 
     def __str__(self) -> str:
-        return f"  {self.name:21s}{self.state}: {self.reason}"
+        return f"  {self.name:26s}{self.state}: {self.reason}"
 
 
 def feature(name: str, needed: bool, reason: str, otherwise: str) -> Feature:

@@ -19,6 +19,7 @@ from mi_dogsplat.cli import main
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from own_axes_models import CUT, SECOND_CUT, SLOPED
 
 STYLE = Path(mi_dogsplat.__file__).parent / "report" / "templates" / "style.css"
 
@@ -128,20 +129,29 @@ def test_every_curve_has_a_colour_of_its_own():
         assert f".c{number}, .k{number} {{ --of: var(--c{number}); }}" in style and style.count(f"--c{number}: #") == 2
 
 
-def test_a_model_with_slopes_is_measured_with_theirs(capsys, tmp_path, monkeypatch, few_points):
+@pytest.mark.parametrize(
+    ("kind", "truth", "said", "color"),
+    [
+        (SLOPED, tiny_data.sloped_truth, "with slopes", "c8"),
+        (CUT, tiny_data.cut_truth, "with a cut", "c9"),
+        (SECOND_CUT, tiny_data.twice_cut_truth, "with a second", "c10"),
+    ],
+    ids=["slopes", "cuts", "second cuts"],
+)
+def test_a_model_with_rows_is_measured_with_theirs(kind, truth, said, color, capsys, tmp_path, monkeypatch, few_points):
     monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda width: [])
-    splats = tiny_data.sloped_truth()
-    write_ply(tmp_path / "sloped.ply", splats)
+    splats, name = truth(), kind.word.replace("_", " ")
+    write_ply(tmp_path / "model.ply", splats)
     flags = ["--only", "work-precision", "--width", 32, "--rounds", 1]
-    assert run(capsys, tmp_path / "sloped.ply", "-o", tmp_path / "out", *flags)[0] == 0
+    assert run(capsys, tmp_path / "model.ply", "-o", tmp_path / "out", *flags)[0] == 0
     (scene,) = json.loads((tmp_path / "out" / "check.json").read_text())["work_precision"]
     rows = {row["setting"]: row for row in scene["rows"]}
-    assert scene["n_slopes"] == splats.n_slopes and rows["no cutoffs"]["mean_error"] < 1e-6
-    assert rows["no cutoffs"]["gradient_error"]["color_slopes"] < 1e-4
-    assert rows["without slopes"]["mean_error"] > 2 * rows["with slopes"]["mean_error"]
+    assert scene[f"n_{kind.word}"] == kind.n(splats) and rows["no cutoffs"]["mean_error"] < 1e-6
+    assert rows["no cutoffs"]["gradient_error"][kind.name] < 1e-4
+    assert rows[f"without {name}"]["mean_error"] > 2 * rows[f"with {name}"]["mean_error"]
     html = (tmp_path / "out" / "check.html").read_text(encoding="utf-8")
     parsed(html)
-    assert f"{splats.n_slopes} with slopes" in html and "without slopes" in html and 'class="c8 points"' in html
+    assert f"{kind.n(splats)} {said}" in html and f"without {name}" in html and f'class="{color} points"' in html
 
 
 def test_training_of_two_runs(capsys, finished_run, tmp_path):

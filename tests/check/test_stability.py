@@ -58,20 +58,30 @@ OTHERS = {
     "slopes, turned": lambda splats: replace(splats, color_slopes=splats.color_slopes.swapaxes(1, 2)),
     "cuts, forgotten": lambda splats: splats.without_cuts(),
     "cuts, turned": lambda splats: replace(splats, cut_normals=np.roll(splats.cut_normals, 1, axis=1)),
+    "second cuts, forgotten": lambda splats: splats.without_second_cuts(),
+    "second cuts, turned": lambda splats: replace(splats, second_cut_normals=splats.second_cut_normals[:, ::-1]),
 }
+
+
+ORDINARY = {
+    "slopes": "slopes: ordinary", "cuts": "cuts: ordinary", "second cuts": "cuts: 300 that two planes cut off"
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("other", OTHERS)
 def test_slopes_and_cuts_that_the_engine_forgets_or_turns_are_an_error(other, monkeypatch):
-    case = CASES[f"{other.split(',')[0]}: ordinary"]
+    case = CASES[ORDINARY[other.split(",")[0]]]
     image = answer(replace(case, splats=OTHERS[other](case.splats)), Cutoffs()).image
     monkeypatch.setattr(stability, "answer", lambda *given: replace(answer(*given), image=image))
     assert measure(case)["verdict"] == "wrong"
 
 
-@pytest.mark.parametrize(("group", "parameter"), [("slopes", "color_slopes"), ("cuts", "cut_normals")])
+@pytest.mark.parametrize(
+    ("group", "parameter"),
+    [("slopes", "color_slopes"), ("cuts", "cut_normals"), ("second cuts", "second_cut_normals")],
+)
 def test_a_gradient_that_is_a_percent_off_is_an_error(group, parameter, monkeypatch):
-    case = CASES[f"{group}: ordinary"]
+    case = CASES[ORDINARY[group]]
 
     def changed(*given):
         right = answer(*given)

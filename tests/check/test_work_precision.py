@@ -76,8 +76,8 @@ def test_the_default_is_a_point_on_every_curve_and_every_knob_is_turned_alone(fe
     points = settings(faint)
     default, none = points[:2]
     assert (default.label, none.label, none.options.cutoffs) == ("default", "no cutoffs", SMOOTH)
-    assert {p.group for p in points[2:]} == set(GROUPS) - {"slopes", "cuts"}
-    for group in GROUPS[:-2]:
+    assert {p.group for p in points[2:]} == set(GROUPS[:-3])
+    for group in GROUPS[:-3]:
         curve = [p for p in points if p.group == group]
         assert sum(p.key == default.key for p in curve) == 1, group
         assert len({p.key for p in curve}) == len(curve) > 1, group
@@ -95,7 +95,7 @@ def test_the_primitives_kept_are_those_that_the_picture_would_miss_most(few_poin
 def test_knobs_that_a_model_does_not_have_make_no_curve(few_points):
     plain = make_splats(np.random.default_rng(0).uniform(-0.5, 0.5, (30, 3)) + (0, 0, 3))
     groups = {p.group for p in settings(Scene("", "", rounded(plain), make_camera()))}
-    assert groups == {"", *GROUPS} - {"SH degree", "DoG", "slopes", "cuts"}
+    assert groups == {"", *GROUPS} - {"SH degree", "DoG", "slopes", "cuts", "second cuts"}
 
 
 def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
@@ -114,24 +114,29 @@ def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
     exact = rows["", "no cutoffs"]
     assert exact["mean_error"] < 1e-6 and exact["worst_gradient_error"] < 1e-4 and exact["psnr"] > 110
     assert set(exact["gradient_error"]) == set(RAW_PARAMETERS)
-    assert result["n_slopes"] == result["n_cuts"] == 0
+    assert result["n_slopes"] == result["n_cuts"] == result["n_second_cuts"] == 0
     assert rows["DoG", "without DoG"]["gradient_error"]["dog_log_scales"] == 1
     assert rows["SH degree", "degree 0"]["gradient_error"]["sh_coeffs"] > 0.5
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "said"), [("slopes", "color_slopes", "with slopes"), ("cuts", "cut_normals", "with a cut")]
+    ("share", "kind", "name", "said"),
+    [
+        ("slope_share", "slopes", "color_slopes", "with slopes"),
+        ("cut_share", "cuts", "cut_normals", "with a cut"),
+        ("second_cut_share", "second cuts", "second_cut_normals", "with a second"),
+    ],
 )
-def test_a_model_with_slopes_or_cuts_has_a_curve_with_and_without_them(kind, name, said, monkeypatch):
+def test_a_model_with_slopes_or_cuts_has_a_curve_with_and_without_them(share, kind, name, said, monkeypatch):
     for knob in KNOBS:
         monkeypatch.setattr(settings_module, knob, {})
     monkeypatch.setattr(settings_module, "KEPT", {"100 %": 1.0, "50 %": 0.5})
-    splats = rounded(random_splats(60, 3, 0, 0, *((0.5, 0) if kind == "slopes" else (0, 0.5))))
-    count = getattr(splats, f"n_{kind}")
+    splats, number = rounded(random_splats(60, 3, 0, 0, **{share: 0.5})), f"n_{kind.replace(' ', '_')}"
+    count = getattr(splats, number)
     scene = model_scene("sloped", splats, make_camera(40, 32, 36.0), 40)
     assert f", {count} {said}" in scene.what and 20 < count < 40
     result = measure(scene, rounds=1)
-    assert result[f"n_{kind}"] == count
+    assert result[number] == count
     rows = {(row["group"], row["setting"]): row for row in result["rows"]}
     exact, half = rows["", "no cutoffs"], rows["primitives kept", "50 %"]
     without, default = rows[kind, f"without {kind}"], rows[kind, f"with {kind}"]
@@ -150,7 +155,7 @@ def test_against_the_twin_with_the_same_cutoffs_only_rounding_is_left(few_points
 
 def test_the_default_is_measured_once_and_marked(few_points, faint):
     rows = [row for row in measure(faint, rounds=1)["rows"] if row["default"]]
-    assert len(rows) == len(GROUPS) - 1  # neither slopes nor cuts here, and none but the default is in no group
+    assert len(rows) == len(GROUPS) - 2  # no slopes, cuts and second ones, and none but the default is in no group
     assert all({**row, "group": "", "setting": ""} == {**rows[0], "group": "", "setting": ""} for row in rows)
 
 
@@ -175,12 +180,12 @@ def test_the_image_is_over_the_background_of_the_scene(faint):
 
 
 def test_primitives_that_are_left_out_have_the_gradient_zero():
-    rng, splats = np.random.default_rng(1), rounded(random_splats(60, 3, 1, 0.5, 0.5, 0.5))
+    rng, splats = np.random.default_rng(1), rounded(random_splats(60, 3, 1, 0.5, 0.5, 0.5, 0.5))
     kept = np.sort(rng.permutation(60)[:25])
     model = Model.of(splats.select(kept), kept)
     gradients = {name: rng.normal(size=getattr(model.splats, name).shape) for name in raw_names(splats)}
     whole = on_all_rows({name: values.ravel() for name, values in gradients.items()}, model, splats)
-    assert set(whole) == {*RAW_PARAMETERS, "color_slopes", "cut_normals"}
+    assert set(whole) == {*RAW_PARAMETERS, "color_slopes", "cut_normals", "second_cut_normals"}
     for name, values in whole.items():
         left = np.isin(rows_of(splats, name), kept)
         assert 0 < left.sum() < len(left) and values.shape == getattr(splats, name).shape

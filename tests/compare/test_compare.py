@@ -24,6 +24,7 @@ from mi_dogsplat.measure.lpips import Lpips
 from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.presets import GIVEN
 from mi_dogsplat.training.train import Trainer
 from PIL import Image
 from small_comparison import NAMES, SETTINGS, without_processes
@@ -166,7 +167,7 @@ def test_what_is_complete_is_not_repeated(comparison, data, tmp_path):
     assert {path: path.stat().st_mtime_ns for path in before} == before
     for path in out.glob("*/*/*/recipe.json"):  # as an earlier version wrote it, which knew no slopes and cuts
         method = json.loads(path.read_text())
-        assert (method["recipe"].pop("slopes"), method["recipe"].pop("cuts")) == (None, None)
+        assert [method["recipe"].pop(name) for name in GIVEN] == [None] * len(GIVEN)
         path.write_text(json.dumps(method))
     with without_processes():
         compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=again.append)

@@ -17,7 +17,12 @@ METRICS = {
     "train": {"l1": 0.01},
     **{"n": 1200, "n_dog": 7, "train_seconds": 1.0, "render_ms": 2.0, "peak_memory_mb": 3.0, "bytes": 4000},
 }
-ROWS = {"ours": {}, "ours_slopes": {"n_slopes": 1111}, "ours_cuts": {"n_slopes": 1112, "n_cuts": 1113}}
+ROWS = {
+    "ours": {},
+    "ours_slopes": {"n_slopes": 1111},
+    "ours_cuts": {"n_slopes": 1112, "n_cuts": 1113},
+    "ours_second_cuts": {"n_slopes": 1114, "n_cuts": 1115, "n_second_cuts": 1116},
+}
 
 
 def comparison(out: Path, names) -> dict:
@@ -32,19 +37,25 @@ def comparison(out: Path, names) -> dict:
 
 @pytest.mark.parametrize(
     ("names", "shown"),
-    [(["ours"], []), (["ours", "ours_slopes"], ["n_slopes"]), (list(ROWS), ["n_slopes", "n_cuts"])],
+    [
+        (["ours"], []),
+        (["ours", "ours_slopes"], ["n_slopes"]),
+        (list(ROWS)[:3], ["n_slopes", "n_cuts"]),
+        (list(ROWS), ["n_slopes", "n_cuts", "n_second_cuts"]),
+    ],
 )
 def test_a_column_is_there_where_a_method_has_such_rows(tmp_path, names, shown):
     table = comparison(tmp_path, names)
-    assert columns(table, "tiny")[:4] == ["n", "n_dog", *shown, "megabytes", "psnr"][:4]
+    assert columns(table, "tiny")[: len(shown) + 4] == ["n", "n_dog", *shown, "megabytes", "psnr"]
+    second, text = "n_second_cuts" in shown, markdown(table, "tiny")
     if "n_cuts" in shown:
-        text = markdown(table, "tiny")
-        assert "| primitives | of them DoG | with slopes | with a cut |" in text
-        assert "| ours, with slopes and cuts | 1,200 | 7 | 1,112 | 1,113 |" in text
-        assert "| ours, with slopes | 1,200 | 7 | 1,111 |  |" in text
+        assert "| primitives | of them DoG | with slopes | with a cut |" + " with a second |" * second in text
+        assert "| ours, with slopes and cuts | 1,200 | 7 | 1,112 | 1,113 |" + "  |" * second in text
+        assert "| ours, with slopes | 1,200 | 7 | 1,111 |  |" + "  |" * second in text
+        assert ("| ours, with second cuts | 1,200 | 7 | 1,114 | 1,115 | 1,116 |" in text) == second
 
 
-def test_an_ablation_goes_on_to_preconditioned_steps_and_so_do_all_sets():
-    ours = ("ours", "ours_slopes", "ours_cuts", "ours_preconditioned")
-    assert ABLATION[-4:] == ours
-    assert all(tuple(chosen([words])[-4:]) == ours for words in ("published", "equal", "ablation"))
+def test_an_ablation_goes_on_to_second_cuts_and_so_do_all_sets():
+    ours = ("ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts")
+    assert ABLATION[-5:] == ours
+    assert all(tuple(chosen([words])[-5:]) == ours for words in ("published", "equal", "ablation"))

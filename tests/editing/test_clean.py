@@ -19,7 +19,7 @@ from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-from own_axes_models import Kind, for_each_kind
+from own_axes_models import SECOND_CUT, Kind, for_each_kind
 from PIL import Image
 
 
@@ -82,7 +82,7 @@ def test_rows_stay_with_their_primitives_or_a_line_says_that_they_do_not(capsys,
     out = tmp_path / f"o{suffix}"
     status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", out, "--box", *box[0], *box[1])
     assert status == 0 and (lost in printed) == (suffix == ".spz")
-    assert f"not needed, {unneeded}" in printed
+    assert f"not needed, {'second ' * (kind is SECOND_CUT)}{unneeded}" in printed
     expected = splats.select(kept)
     rows = kind.values(expected).reshape(kind.n(expected), -1).any(axis=1)
     found = read_model(out).splats

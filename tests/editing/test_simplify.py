@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
-from cut_models import with_cuts
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.editing.simplify import look_of, simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
@@ -17,6 +16,7 @@ from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.fit import Look
+from own_axes_models import EACH_PLANE
 from sloped_models import with_slopes
 from splat_scenes import make_splats, rounded
 
@@ -103,17 +103,18 @@ def test_a_model_with_slopes_may_come_in_and_what_is_fitted_makes_up_for_them(ca
     assert quality(read_ply(tmp_path / "o.ply"), truth) > quality(read_ply(tmp_path / "p.ply"), truth)
 
 
-def test_cuts_are_made_whole_before_anything_is_merged(capsys, tmp_path):
+@EACH_PLANE
+def test_cuts_are_made_whole_before_anything_is_merged(capsys, tmp_path, kind):
     """Half of each primitive is cut away on the same side: whole ones would be merged elsewhere, and too large."""
-    truth = with_cuts(surface(), every=1)
-    truth.cut_normals[:] = [30, 0, 0]
+    truth = kind.having(surface(), every=1)
+    kind.values(truth)[:] = [30, 0, 0]
     truth.log_scales[:] += np.log(2)
     write_ply(tmp_path / "m.ply", truth)
     write_ply(tmp_path / "whole.ply", truth.without_cuts())
     flags = ["--target", "300", "--steps", "0", *FLAGS]
     status, printed, _ = run(capsys, "simplify", tmp_path / "m.ply", "-o", tmp_path / "o.ply", *flags)
     said = "the cuts of 900 primitives are left out: what is merged is whole"
-    assert status == 0 and printed.splitlines()[0] == said and read_ply(tmp_path / "o.ply").n_cuts == 0
+    assert status == 0 and printed.splitlines()[0] == said and not read_ply(tmp_path / "o.ply").is_cut.any()
     run(capsys, "simplify", tmp_path / "whole.ply", "-o", tmp_path / "p.ply", *flags)
     assert quality(read_ply(tmp_path / "o.ply"), truth) > quality(read_ply(tmp_path / "p.ply"), truth) + 1
 

@@ -32,8 +32,9 @@ pytestmark = pytest.mark.skipif(
     reason="on CUDA a view is in one piece, as its isects have no sums of their own; use llvm_ad_rgb",
 )
 COUNTS = (2, 5)  # of bands
-SHARES = {"plain": (0,), "DoG": (0.5,), "slopes": (0.5, 0.5), "cuts": (0, 0, 0.5), "DoG, slopes, cuts": (0.5, 0.5, 0.5)}
-"""Of DoG primitives, and of those with slopes and cuts."""
+SHARES = {"plain": (0,), "DoG": (0.5,), "slopes": (0.5, 0.5), "cuts": (0, 0, 0.5), "second cuts": (0, 0, 0, 0.5),
+          "all of them": (0.5, 0.5, 0.5, 0.5)}  # fmt: skip
+"""Of DoG primitives, and of those with slopes, cuts and second cuts."""
 SIZES = ((150, 117), (97, 200), (33, 81))
 
 
@@ -194,7 +195,7 @@ def aovs_of(params: dict, camera: DeviceCamera, chosen) -> tuple[Any, list]:
     return view, numbers(composite_aovs(view, AOVS, depths))
 
 
-@pytest.mark.parametrize("shares", [SHARES["DoG"], SHARES["DoG, slopes, cuts"]], ids=["DoG", "DoG, slopes, cuts"])
+@pytest.mark.parametrize("shares", [SHARES["DoG"], SHARES["all of them"]], ids=["DoG", "all of them"])
 @pytest.mark.parametrize("walk", [score_of, fisher_of, weights_of, aovs_of])
 def test_every_other_walk_has_the_same_bits(walk: Callable, shares):
     splats, camera = rounded(random_splats(150, 2, 1, *shares)), tilted_camera(101, 93)

@@ -19,8 +19,9 @@ from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
 
 WHITE, BLACK, COLORED = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.2, 0.7, 0.4)
-SHARES = {"plain": (0,), "DoG": (0.5,), "slopes": (0.5, 0.5), "cuts": (0, 0, 0.5), "DoG, slopes, cuts": (0.5, 0.5, 0.5)}
-"""Of DoG primitives, and of those with slopes and cuts."""
+SHARES = {"plain": (0,), "DoG": (0.5,), "slopes": (0.5, 0.5), "cuts": (0, 0, 0.5), "second cuts": (0, 0, 0, 0.5),
+          "all of them": (0.5, 0.5, 0.5, 0.5)}  # fmt: skip
+"""Of DoG primitives, and of those with slopes, cuts and second cuts."""
 EVERYTHING = Sums(gradient=True, probes=2)
 SIZES = [(45, 37), (32, 16), (1, 1), (1, 33), (17, 2)]
 
@@ -135,7 +136,7 @@ def test_what_is_outside_or_too_faint_counts_nothing():
 
 @pytest.mark.parametrize("background", [BLACK, COLORED])
 @pytest.mark.parametrize("negative_transmittance", [True, False])
-@pytest.mark.parametrize("varying", [(), (0.6,), (0, 0.6)], ids=["even", "slopes", "cuts"])
+@pytest.mark.parametrize("varying", [(), (0.6,), (0, 0.6), (0, 0.6, 0.6)], ids=["even", "slopes", "cuts", "two planes"])
 def test_sums_over_removals_equal_real_removals_without_cutoffs(background, negative_transmittance, varying):
     """Without cutoffs no walk ends, and the change of the image is exact."""
     splats, camera = rounded(random_splats(40, 6, 1, 0.5, *varying)), tilted_camera(30, 22)

@@ -27,7 +27,7 @@ from mi_dogsplat.engine.walks.score import Sums, composite_score
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.engine.walks.squared_weights import composite_squared_weights
 from mi_dogsplat.engine.walks.weights import composite_weights
-from mi_dogsplat.scores.score import ScoreRule
+from mi_dogsplat.scores.score import CUT_KINDS, ScoreRule
 from mi_dogsplat.training.images.image_formation import Frame, formed, formed_gradients
 from mi_dogsplat.training.images.loss import PhotometricLoss
 from mi_dogsplat.training.optimizer.joint_steps import Numbers, TrainedArray, joint_steps, n_pairs
@@ -37,22 +37,25 @@ CAMERA = make_camera(16, 12, f=14.0)
 NUMBERS = (0.3, -0.2, 0.1, -0.4, -0.2)  # of a camera: gains, vignetting
 OPTIONS = ({}, {"patch": 1}, {"patch": 2}, {"negative_transmittance": False}, {"cutoffs": SMOOTH},
            {"patch": 1, "negative_transmittance": False}, {"cut_share": 0.5}, {"dog_share": 0},
-           {"cut_share": 0.5, "dog_share": 0}, {"dog_share": 0, "patch": 1})
+           {"cut_share": 0.5, "dog_share": 0}, {"second_cut_share": 0.5}, {"cut_share": 0.5, "second_cut_share": 0.5},
+           {"dog_share": 0, "patch": 1})
 SLOPED = (*OPTIONS, {"slope_share": 0.5}, {"slope_share": 0.5, "dog_share": 0}, {"slope_share": 0.5, "patch": 1},
-          {"slope_share": 0.5, "cut_share": 0.5})
+          {"slope_share": 0.5, "cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 0.5, "second_cut_share": 0.5})
 RULES = ({}, {"kind": "released"}, {"kind": "leave-one-out"}, {"spectral_weight": 0}, {"spatial_weight": 0},
          {"kind": "leave-one-out", "spectral_weight": 0}, {"gamma_f": 2, "probes": 0}, {"probes": 2}, {"probes": 3},
          {"kind": "leave-one-out", "gamma_f": 2, "probes": 0}, {"spatial_weight": 0, "probes": 2},
-         {"kind": "leave-one-out", "probes": 2})
+         {"kind": "leave-one-out", "probes": 2}, *({"kind": kind, "spectral_weight": 0} for kind in CUT_KINDS))
 
 
 @cache
-def model(dog_share: float, slope_share: float = 0, cut_share: float = 0):
-    return rounded(random_splats(10, 3, 1, dog_share, slope_share, cut_share))
+def model(dog_share: float, slope_share: float = 0, cut_share: float = 0, second_cut_share: float = 0):
+    return rounded(random_splats(10, 3, 1, dog_share, slope_share, cut_share, second_cut_share))
 
 
-def view_of(dog_share=0.5, blocks=None, slope_share=0.0, cut_share=0.0, **chosen) -> WalkableView:
-    splats = model(dog_share, slope_share, cut_share)
+def view_of(
+    dog_share=0.5, blocks=None, slope_share=0.0, cut_share=0.0, second_cut_share=0.0, **chosen
+) -> WalkableView:
+    splats = model(dog_share, slope_share, cut_share, second_cut_share)
     return prepare(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen), blocks)
 
 
@@ -88,9 +91,9 @@ def summed(order="abc", removal=True, probes=0, shared=False, **chosen) -> np.nd
     return rows(composite_score(view, sums, image, noise, share))
 
 
-def score(**rule) -> np.ndarray:
-    splats = model(0.5)
-    return ScoreRule(**rule)(upload(splats), [DeviceCamera.upload(CAMERA)], options(splats), 0.3, 0)
+def score(kind="spatio-spectral", **rule) -> np.ndarray:
+    splats = model(0.5, 0, *((0.5, 0.5) if kind in CUT_KINDS else (0, 0)))
+    return ScoreRule(kind, **rule)(upload(splats), [DeviceCamera.upload(CAMERA)], options(splats), 0.3, 0)
 
 
 def found(names=("median_depth", "index", "count", "dog_share"), dog_share=0.5, **chosen) -> np.ndarray:
@@ -101,7 +104,7 @@ def found(names=("median_depth", "index", "count", "dog_share"), dog_share=0.5, 
 
 
 def products(order=None, background=0.3, **chosen) -> np.ndarray:
-    shares = (("dog_share", 0.5), ("slope_share", 0), ("cut_share", 0))
+    shares = (("dog_share", 0.5), ("slope_share", 0), ("cut_share", 0), ("second_cut_share", 0))
     splats = model(*(chosen.pop(*share) for share in shares))
     pictured, patches = prepare_both(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen),
                                      patch_blocks())

@@ -9,6 +9,7 @@ import pytest
 from launches import kernels as launched_kernels
 from lean_calls import backward, forget_recordings, forward, stages
 from mi_dogsplat.engine.walks import walk
+from mi_dogsplat.scene.row_groups import CUTS, PLANES, SECOND_CUTS, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import kernels, random_splats, rounded
 
@@ -20,9 +21,13 @@ def model(kind: str) -> Splats:
     return rounded(random_splats(200, 0, 0, *KINDS[kind]))
 
 
-def cut(splats: Splats, every: int = 2) -> Splats:
-    index = np.arange(0, splats.n_splats, every)
-    return replace(splats, cut_index=index, cut_normals=np.random.default_rng(1).normal(0, 3, (len(index), 3)))
+def cut(splats: Splats, *planes: RowGroup) -> Splats:
+    """By these planes, or by the first."""
+    index = np.arange(0, splats.n_splats, 2)
+    for seed, plane in enumerate(planes or (CUTS,), 1):
+        rows = {name: np.random.default_rng(seed).normal(0, 3, (len(index), 3)) for name in plane.names}
+        splats = replace(splats, **{plane.index: index}, **rows)
+    return splats
 
 
 def hashes(run: Callable[[], Any]) -> set[str]:
@@ -43,10 +48,22 @@ def test_a_model_without_cuts_has_the_kernels_of_one_that_never_had_any(kind, ru
     assert hashes(run(cut(splats))) != expected
 
 
+@pytest.mark.parametrize("run", [forward, backward])
+def test_a_model_cut_off_by_either_plane_alone_has_the_kernels_of_one_plane(run):
+    """And another for both; a row of no primitive changes none."""
+    splats = model("DoG, slopes")
+    expected = hashes(run(cut(splats)))
+    assert hashes(run(cut(splats, SECOND_CUTS))) == expected
+    twice = cut(splats, *PLANES)
+    assert hashes(run(twice.without_second_cuts())) == expected
+    assert hashes(run(twice)) != expected
+
+
 @pytest.mark.parametrize("kind", KINDS)
-def test_cuts_take_no_kernel_more_and_work_for_primitives_and_blocks_alone(kind):
+@pytest.mark.parametrize(("fewer", "more"), [((), (CUTS,)), ((CUTS,), PLANES)], ids=["one plane", "a second"])
+def test_cuts_take_no_kernel_more_and_work_for_primitives_and_blocks_alone(kind, fewer, more):
     splats = model(kind)
-    without, with_cuts = forward(splats), forward(cut(splats))
+    without, with_cuts = forward(cut(splats, *fewer) if fewer else splats), forward(cut(splats, *more))
     assert len(launched_kernels(with_cuts)) == len(launched_kernels(without))
     costs = stages(without), stages(with_cuts)
     assert {stage for stage, least in costs[0].items() if costs[1][stage] > least} == {"primitives", "compositor"}
@@ -62,7 +79,7 @@ def test_a_forward_pass_does_not_evaluate_what_derivatives_alone_need(monkeypatc
             plane.falls = plane.values
         return found
 
-    expected = stages(forward(cut(model("plain"))))
+    expected = [stages(forward(cut(model("plain"), *planes))) for planes in ((CUTS,), PLANES)]
     monkeypatch.setattr(walk, "all_kept", without_falls)
     forget_recordings()
-    assert stages(forward(cut(model("plain")))) == expected
+    assert [stages(forward(cut(model("plain"), *planes))) for planes in ((CUTS,), PLANES)] == expected

@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
-from cut_models import kept_shares, with_cuts
+from cut_models import kept_shares, with_cuts, with_second_cuts
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.export.bake import baked
 from mi_dogsplat.export.export_config import ExportConfig
 from mi_dogsplat.export.write import export_model
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.table import FORMATS
-from mi_dogsplat.scene.row_groups import CUTS, SLOPES
+from mi_dogsplat.scene.kinds import kinds_of
+from mi_dogsplat.scene.row_groups import CUTS, PLANES, SECOND_CUTS, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.whole import whole
 from places import points_in
@@ -33,7 +34,8 @@ from sloped_models import slope_colors, with_slopes
 class Kind(RowKind):
     """Rows of half the primitives of one model; of another, in which there are DoG and what comes before them too."""
 
-    given: tuple[str, ...]  # all that ``mixed`` has beside DoG
+    setting: str  # that keeps them
+    given: tuple[str, ...]  # settings for all that ``mixed`` has beside DoG
     model: Splats
     mixed: Splats
     left_out: Callable[[Splats], Splats]
@@ -43,21 +45,29 @@ class Kind(RowKind):
 
     @property
     def flag(self) -> str:
-        return f"--{self.word}"
+        return f"--{self.setting}"
+
 
 SLOPED_DOG = with_slopes(tiny_data.dog_model(), every=3)
 SLOPED = Kind(
-    "slopes", SLOPES, ("slopes",), with_slopes(tiny_data.truth()), SLOPED_DOG, Splats.without_slopes,
+    "slopes", SLOPES, "slopes", ("slopes",), with_slopes(tiny_data.truth()), SLOPED_DOG, Splats.without_slopes,
     "the slopes of 30 primitives are left out", regained=0.5, moved=0.1,
 )  # fmt: skip
 CUT = Kind(
-    "cuts", CUTS, ("slopes", "cuts"), with_cuts(tiny_data.truth()), with_cuts(SLOPED_DOG), whole,
+    "cuts", CUTS, "cuts", ("slopes", "cuts"), with_cuts(tiny_data.truth()), with_cuts(SLOPED_DOG), whole,
     "the cuts of 30 primitives are left out, for the whole ones", regained=0.1, moved=1,
 )  # fmt: skip
-KINDS = [SLOPED, CUT]
-of_both = of_each(*KINDS)
+BY_SECOND = replace(
+    tiny_data.truth(), second_cut_index=CUT.model.cut_index, second_cut_normals=CUT.model.cut_normals
+)  # fmt: skip
+SECOND_CUT = Kind(
+    "second_cuts", SECOND_CUTS, "cuts", CUT.given, BY_SECOND,
+    with_second_cuts(CUT.mixed, every=3), whole, CUT.said, CUT.regained, CUT.moved,
+)  # fmt: skip
+KINDS = [SLOPED, CUT, SECOND_CUT]
+each_kind = of_each(*KINDS)
 NO_ROOM = [(kind, ".html") for kind in KINDS] + [
-    (kind, suffix) for kind in KINDS for suffix, chosen in FORMATS.items() if not getattr(chosen, kind.word)
+    (kind, suffix) for kind in KINDS for suffix, chosen in FORMATS.items() if not getattr(chosen, kind.setting)
 ]
 
 
@@ -70,14 +80,14 @@ def stages(exported) -> list[str]:
     return [loss.stage for loss in exported.losses]
 
 
-@of_both
+@each_kind
 @pytest.mark.parametrize("suffix", [*FORMATS, ".html"])
 def test_every_format_is_without_them_unless_told_and_a_line_says_so(kind, suffix, capsys, tmp_path):
     out = tmp_path / f"out{suffix}"
     model = written(kind.model, tmp_path)
     status, printed, _ = run(capsys, "export", model, "-o", out, "--views", "0", "--refine", "0")
     assert status == 0
-    left = [line for line in printed.splitlines() if kind.word[:-1] in line]
+    left = [line for line in printed.splitlines() if kind.setting[:-1] in line]
     assert len(left) == 1 and left[0].startswith(kind.said), printed
     assert (f"{kind.flag} keep" in left[0]) == (suffix in (".ply", ".compressed.ply"))
     if suffix != ".html":
@@ -88,7 +98,7 @@ def test_every_format_is_without_them_unless_told_and_a_line_says_so(kind, suffi
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
-@of_both
+@each_kind
 def test_each_thing_that_is_left_out_is_a_stage_of_its_own_and_cuts_come_first(kind, tmp_path):
     model = written(kind.mixed, tmp_path, "mixed.ply")
     exported = export_model(model, tmp_path / "out.spz", ExportConfig(views=3, refine=0))
@@ -102,13 +112,13 @@ def test_each_thing_that_is_left_out_is_a_stage_of_its_own_and_cuts_come_first(k
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
-@of_both
+@each_kind
 def test_refining_makes_up_for_them(kind, tmp_path):
     data = tiny_data.write_tiny_data(tmp_path / "data", splats=kind.model)
     exported = export_model(written(kind.model, tmp_path), tmp_path / "out.ply", ExportConfig(refine=60), data=data)
     found = {loss.stage: loss.of_photographs or 0 for loss in exported.losses}
-    assert list(found) == ["as it is", f"without {kind.word}", "refined, 60 steps", "read from the file"]
-    assert found["refined, 60 steps"] > found[f"without {kind.word}"] + kind.regained
+    assert list(found) == ["as it is", f"without {kind.setting}", "refined, 60 steps", "read from the file"]
+    assert found["refined, 60 steps"] > found[f"without {kind.setting}"] + kind.regained
     assert kind.n(read_ply(tmp_path / "out.ply")) == 0
 
 
@@ -118,11 +128,11 @@ def test_without_data_they_are_made_up_for_by_renders_of_the_model(tmp_path):
     assert found["refined, 60 steps"] > found["without slopes"]
 
 
-@of_both
+@each_kind
 def test_by_default_they_are_made_up_for(kind, tmp_path, monkeypatch):
     monkeypatch.setattr(refine, "STEPS", 2)
     exported = export_model(written(kind.model, tmp_path), tmp_path / "out.ply", ExportConfig(views=1))
-    assert stages(exported) == ["as it is", f"without {kind.word}", "refined, 2 steps", "read from the file"]
+    assert stages(exported) == ["as it is", f"without {kind.setting}", "refined, 2 steps", "read from the file"]
 
 
 def test_by_default_nothing_is_made_up_for_where_dog_are_just_dropped(tmp_path, monkeypatch):
@@ -137,7 +147,7 @@ def test_by_default_nothing_is_made_up_for_where_dog_are_just_dropped(tmp_path, 
     assert export_model(model, tmp_path / "out.ply", ExportConfig(views=0)).refine_seconds is None
 
 
-@of_both
+@each_kind
 def test_kept_ones_are_refined_along_where_dog_are_baked(kind, tmp_path):
     keep: dict[str, Any] = dict.fromkeys(kind.given, "keep")
     config = ExportConfig(views=3, refine=40, **keep)
@@ -150,35 +160,38 @@ def test_kept_ones_are_refined_along_where_dog_are_baked(kind, tmp_path):
     assert found.n_dog == 0 and 0 < moved.max() < kind.moved
 
 
-@of_both
+@each_kind
 @pytest.mark.parametrize("suffix", [".ply", ".compressed.ply"])
 def test_kept_ones_are_in_the_file(kind, suffix, capsys, tmp_path):
     out = tmp_path / f"out{suffix}"
     keep = [word for name in (*kind.given, "dog") for word in (f"--{name}", "keep")]
     status, printed, _ = run(capsys, "export", written(kind.mixed, tmp_path), "-o", out, *keep, "--views", "2")
     assert status == 0 and "left out" not in printed and "refined" not in printed
-    assert f"without {kind.word}" not in printed
+    assert f"without {kind.setting}" not in printed
     back = read_model(out).splats
-    assert (back.n_cuts, back.n_slopes, back.n_dog) == (kind.mixed.n_cuts, kind.mixed.n_slopes, kind.mixed.n_dog)
+    assert kinds_of(back) == kinds_of(kind.mixed)
     if suffix == ".ply":
         np.testing.assert_array_equal(kind.values(back), kind.values(kind.mixed))
     lost = float(re.findall(r"read from the file +([\d.]+) dB", printed)[0])
     assert lost > (99 if suffix == ".ply" else 30)
 
 
-@pytest.mark.parametrize(("flag", "slopes", "cuts"), [("--slopes", 20, 0), ("--cuts", 0, 30)])
-def test_each_is_kept_by_its_own_flag(flag, slopes, cuts, capsys, tmp_path):
-    out, mixed = tmp_path / "out.ply", written(CUT.mixed, tmp_path)
+@pytest.mark.parametrize(
+    ("flag", "left"), [("--slopes", "20 with slopes"), ("--cuts", "30 with a cut, 20 with a second")]
+)
+def test_each_is_kept_by_its_own_flag(flag, left, capsys, tmp_path):
+    out, mixed = tmp_path / "out.ply", written(SECOND_CUT.mixed, tmp_path)
     status, *_ = run(capsys, "export", mixed, "-o", out, flag, "keep", "--views", "0", "--refine", "0")
-    assert status == 0 and (read_ply(out).n_slopes, read_ply(out).n_cuts) == (slopes, cuts)
+    assert status == 0 and kinds_of(read_ply(out)) == f"0 of them DoG, {left}"
 
 
 def test_what_is_kept_of_baked_dog_stays_where_it_was_in_space():
-    splats = with_cuts(with_slopes(tiny_data.dog_model(), every=1), every=1)
+    splats = with_second_cuts(with_cuts(with_slopes(tiny_data.dog_model(), every=1), every=1), every=1)
     found = baked(splats)
     points = points_in(splats)
     assert np.abs(found.log_scales - splats.log_scales).max() > 0.1
-    np.testing.assert_allclose(kept_shares(found, points), kept_shares(splats, points), atol=1e-4)
+    for plane in PLANES:
+        np.testing.assert_allclose(kept_shares(found, points, plane), kept_shares(splats, points, plane), atol=1e-4)
     np.testing.assert_allclose(slope_colors(found, points), slope_colors(splats, points), atol=1e-5)
 
 
@@ -198,12 +211,14 @@ def test_a_page_says_that_slopes_are_shown_in_their_mean_colours(capsys, tmp_pat
     assert json.loads(re.search(r'id="scene">([^<]*)<', said)[1])["tangents"]  # type: ignore[index]
 
 
-def test_a_page_says_that_cut_ones_are_shown_whole(capsys, tmp_path):
-    said = page_of(CUT.model, capsys, tmp_path)
+@of_each(CUT, SECOND_CUT)
+def test_a_page_says_that_cut_ones_are_shown_whole(kind, capsys, tmp_path):
+    said = page_of(kind.model, capsys, tmp_path)
     assert "model: 60 Gaussians (30 that were cut off, made whole)" in said
     assert "Web viewers know no Gaussians that a plane cuts off: each of those is shown as the whole one" in said
-    said = page_of(CUT.mixed, capsys, tmp_path)
-    assert "baked; 20 with colours that varied over them, in their mean colours; 30 that were cut off" in said
+    said = page_of(kind.mixed, capsys, tmp_path)
+    cut = kind.mixed.is_cut.sum()
+    assert f"baked; 20 with colours that varied over them, in their mean colours; {cut} that were cut off" in said
     assert "no negative lobes, no colours that vary over a Gaussian and no Gaussians that a plane cuts off:" in said
 
 
@@ -215,7 +230,7 @@ def test_they_cannot_be_kept_where_there_is_no_room(kind, suffix, capsys, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["model.ply"]
 
 
-@of_both
+@each_kind
 def test_an_unknown_choice_is_one_line(kind, capsys, tmp_path):
     model = written(kind.model, tmp_path)
     refused = run(capsys, "export", model, "-o", tmp_path / "out.ply", kind.flag, "bake")

@@ -78,7 +78,8 @@ def test_parts_add_up_to_the_file(name):
 
 
 def test_prices_scale_but_for_what_the_file_needs_itself():
-    assert Prices(10.0, (1.0, 2.0, 3.0, 4.0), 5.0).scaled(2) == Prices(10.0, (2.0, 4.0, 6.0, 8.0), 10.0)
+    known = Prices(10.0, (1.0, 2.0, 3.0, 4.0), 5.0, 6.0, 7.0, 8.0)
+    assert known.scaled(2) == Prices(10.0, (2.0, 4.0, 6.0, 8.0), 10.0, 12.0, 14.0, 16.0)
 
 
 def test_an_empty_model_has_no_prices():

@@ -3,16 +3,18 @@
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pytest
-from cut_models import kept_shares
+from cut_models import kept_shares, with_cuts
 from mi_dogsplat import read_model
 from mi_dogsplat.formats import compressed_ply
 from mi_dogsplat.formats.trailer import CUTS as CUT_ROWS
+from mi_dogsplat.formats.trailer import SECOND_CUTS as SECOND_CUT_ROWS
 from mi_dogsplat.formats.trailer import SLOPES as SLOPE_ROWS
 from mi_dogsplat.formats.trailer import Rows, encode
-from mi_dogsplat.scene.row_groups import CUTS, SLOPES
+from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from places import points_in
@@ -36,37 +38,40 @@ def normals(n: int) -> np.ndarray:
     return np.random.default_rng(7).normal(0, 6, (n, 3))
 
 
-def kept_share_changed(back: Splats, truth: Splats) -> float:
+def kept_share_changed(back: Splats, truth: Splats, plane: RowGroup = CUTS) -> float:
     """In the places of the truth, which a compressed PLY moves too."""
-    points = points_in(truth, truth.cut_index)
-    same_planes = replace(truth, cut_normals=back.cut_normals)
-    return float(np.abs(kept_shares(same_planes, points) - kept_shares(truth, points)).mean())
+    points, (name,) = points_in(truth, getattr(truth, plane.index)), plane.names
+    same_planes = replace(truth, **{name: getattr(back, name)})
+    return float(np.abs(kept_shares(same_planes, points, plane) - kept_shares(truth, points, plane)).mean())
 
 
 @dataclass(frozen=True)
 class Kind(RowKind):
-    """Rows as numbers with a unit, below which they are told apart evenly; behind slopes of other primitives or not."""
+    """Rows as numbers with a unit, below which they are told apart evenly; behind what may come before, or alone."""
 
     rows: Rows
     unit: float
     random: Callable[[int], np.ndarray]
     changed: Callable[[Splats, Splats], float]
-    behind_slopes: bool = False
+    before: Callable[[Splats], Splats] = rounded
 
     def model(self, index=tuple(range(0, N, 3)), dog_share: float = 0) -> Splats:
-        plain = rounded(random_splats(N, seed=4, degree=1, dog_share=dog_share))
-        before = with_slopes(plain, every=5) if self.behind_slopes else plain
+        before = self.before(rounded(random_splats(N, seed=4, degree=1, dog_share=dog_share)))
         return replace(before, **{self.group.index: np.array(index, np.uint32), self.name: self.random(len(index))})
 
 
 SLOPED = Kind("slopes", SLOPES, SLOPE_ROWS, 1 / 64, some_strong, slopes_changed)
 CUT = Kind("cuts", CUTS, CUT_ROWS, 1, normals, kept_share_changed)
-BEHIND = replace(CUT, behind_slopes=True)
+BEHIND = replace(CUT, before=partial(with_slopes, every=5))
+SECOND_CUT = Kind(
+    "second_cuts", SECOND_CUTS, SECOND_CUT_ROWS, 1, normals, partial(kept_share_changed, plane=SECOND_CUTS)
+)
+BEHIND_ALL = replace(SECOND_CUT, before=lambda splats: with_cuts(with_slopes(splats, every=5), every=4))
 
 
 @pytest.mark.parametrize("index", [GAPS, [0], [1999], [1020], range(N), range(0, N, 3), range(0, N, 700), []])
 @pytest.mark.parametrize("dog_share", [0, 0.3])
-@of_each(SLOPED, CUT, BEHIND)
+@of_each(SLOPED, CUT, BEHIND, SECOND_CUT, BEHIND_ALL)
 def test_they_are_within_half_a_step_and_nothing_else_changes(kind, index, dog_share, tmp_path):
     truth, path = kind.model(index, dog_share), tmp_path / "model.compressed.ply"
     path.write_bytes(compressed_ply.encode(truth))
@@ -98,11 +103,12 @@ def test_rows_of_slopes_by_hand():
     assert rows[1, 0] == 255 and rows[2].tolist() == [0, 0, 255, 0, 0, 0, 0, 0, 0, 255]
 
 
-def test_rows_of_cuts_by_hand():
+@of_each(CUT, SECOND_CUT)
+def test_rows_of_cuts_by_hand(kind):
     normals = np.array([[0, -1, 0], [0, 0, 3.0]])  # -log 2 and log 4, each the end of its column
-    cut = replace(rounded(random_splats(600, dog_share=0)), cut_index=[2, 258], cut_normals=normals)
-    comments, trailer = encode(cut)
-    assert comments == ["dogsplat cuts 1 3"]
+    rows = {kind.group.index: np.array([2, 258]), kind.name: normals}
+    comments, trailer = encode(replace(rounded(random_splats(600, dog_share=0)), **rows))
+    assert comments == [f"dogsplat {kind.word} 1 3"]
     low, high = np.array(struct.unpack_from("<6f", trailer)).reshape(2, 3)
     assert low == pytest.approx([0, -np.log(2), 0], abs=1e-6) and high == pytest.approx([0, 0, np.log(4)], abs=1e-6)
     rows = np.frombuffer(trailer, np.uint8, offset=24).reshape(3, 4)
@@ -110,8 +116,9 @@ def test_rows_of_cuts_by_hand():
 
 
 @pytest.mark.parametrize(
-    ("kind", "bounds_bytes", "row_bytes"), [(SLOPED, 72, 10), (BEHIND, 24, 4)], ids=["slopes", "cuts"]
-)
+    ("kind", "bounds_bytes", "row_bytes"), [(SLOPED, 72, 10), (BEHIND, 24, 4), (BEHIND_ALL, 24, 4)],
+    ids=["slopes", "cuts", "second_cuts"],
+)  # fmt: skip
 def test_what_a_row_takes(kind, bounds_bytes, row_bytes):
     full = kind.model(range(0, N, 2), dog_share=0.5)
     added = len(compressed_ply.encode(full)) - len(compressed_ply.encode(kind.without(full)))
@@ -119,19 +126,19 @@ def test_what_a_row_takes(kind, bounds_bytes, row_bytes):
     assert added == kind.rows.size(1000) + len(f"comment dogsplat {kind.word} 1 1000\n")
 
 
-def test_the_three_kinds_stand_in_their_order_and_a_model_of_none_has_no_byte_of_them():
-    full = BEHIND.model(dog_share=0.5)
-    assert [line.split()[1] for line in encode(full)[0]] == ["dog", "slopes", "cuts"]
+def test_the_kinds_stand_in_their_order_and_a_model_of_none_has_no_byte_of_them():
+    full = BEHIND_ALL.model(dog_share=0.5)
+    assert [line.split()[1] for line in encode(full)[0]] == ["dog", "slopes", "cuts", "second_cuts"]
     assert b"dogsplat" not in compressed_ply.encode(full.plain().without_slopes().without_cuts())
 
 
 @pytest.mark.parametrize("normal", [0.0, 1e38, -3e38])
-def test_normals_of_any_size_can_be_read_again(normal, tmp_path):
-    path = tmp_path / "a.compressed.ply"
-    cut = CUT.model()
-    cut.cut_normals[:], cut.cut_normals[1, 2] = normal, 1
+@of_each(CUT, SECOND_CUT)
+def test_normals_of_any_size_can_be_read_again(kind, normal, tmp_path):
+    path, cut = tmp_path / "a.compressed.ply", kind.model()
+    kind.values(cut)[:], kind.values(cut)[1, 2] = normal, 1
     path.write_bytes(compressed_ply.encode(cut))
-    found = compressed_ply.decode(path).cut_normals[0, 0]
+    found = kind.values(compressed_ply.decode(path))[0, 0]
     assert np.isfinite(found) and (found == 0 if normal == 0 else 1e36 < found / np.sign(normal) < 1e38)
 
 
@@ -149,6 +156,11 @@ def test_normals_of_any_size_can_be_read_again(normal, tmp_path):
         (BEHIND, lambda b: b.replace(b"slopes 1 ", b"slides 1 "), "0 slope rows are 0"),
         (BEHIND, lambda b: b[:-1], "bytes follow the last element"),
         (BEHIND, lambda b: b[:-4] + b"\xfe" + b[-3:], "a cut row is for primitive"),
+        (BEHIND_ALL, lambda b: b.replace(b"second_cuts 1 ", b"second_cuts 2 "), "its second cut rows are of version 2"),
+        (BEHIND_ALL, lambda b: b.replace(b"second_cuts 1 ", b"second_cats 1 "), "0 second cut rows are 0"),
+        (BEHIND_ALL, lambda b: b.replace(b"dogsplat cuts 1 ", b"dogsplat cats 1 "), "0 cut rows are 0"),
+        (BEHIND_ALL, lambda b: b[:-1], "bytes follow the last element"),
+        (BEHIND_ALL, lambda b: b[:-4] + b"\xfe" + b[-3:], "a second cut row is for primitive"),
     ],
 )
 def test_damage_is_told_in_one_line(kind, damage, complaint, tmp_path):
@@ -172,6 +184,8 @@ def test_damage_is_told_in_one_line(kind, damage, complaint, tmp_path):
         (CUT, (np.nan,) * 6),
         (CUT, (1, *(0,) * 5)),
         (CUT, (0,) * 3 + (90.0,) * 3),
+        (SECOND_CUT, (np.nan,) * 6),
+        (SECOND_CUT, (0,) * 3 + (90.0,) * 3),
     ],
 )
 def test_bounds_that_make_no_sense_are_refused(kind, bounds, tmp_path):

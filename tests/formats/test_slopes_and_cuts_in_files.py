@@ -6,14 +6,14 @@ from functools import partial
 
 import numpy as np
 import pytest
-from cut_models import kept_shares, with_cuts
+from cut_models import kept_shares, with_cuts, with_second_cuts
 from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.formats.packing import morton_order
 from mi_dogsplat.formats.sizes import KINDS, FileKind, by_part, prices
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.formats.upright import upright
 from mi_dogsplat.scene.radiance import brightened
-from mi_dogsplat.scene.row_groups import CUTS, SLOPES
+from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.whole import whole
 from places import points_in
@@ -32,32 +32,41 @@ class Kind(RowKind):
     row_bytes: int  # in a PLY
     shown: Callable[[Splats, np.ndarray], np.ndarray]  # at points in the world
     close: float  # how near that stays in another frame
+    room: str  # field of formats that have room for them
 
     def model(self, n: int, dog_share: float = 0.3) -> Splats:
         return self.given(rounded(random_splats(n, seed=4, degree=1, dog_share=dog_share)))
+
 
 def with_slopes_and_cuts(splats: Splats) -> Splats:
     return with_cuts(with_slopes(splats, every=5), every=3)
 
 
+def with_all(splats: Splats) -> Splats:
+    return with_second_cuts(with_slopes_and_cuts(splats), every=3)
+
+
 SLOPED = Kind(
     "slopes", SLOPES, partial(with_slopes, every=3), Splats.without_slopes,
-    "no colour that varies over a primitive: the slopes of 100 are left out", 40, slope_colors, close=2e-4,
+    "no colour that varies over a primitive: the slopes of 100 are left out", 40, slope_colors, 2e-4, "slopes",
 )  # fmt: skip
 CUT = Kind(
     "cuts", CUTS, with_slopes_and_cuts, whole,
-    "no primitive that is cut off: 100 become the whole ones nearest to them", 16, kept_shares, close=1e-3,
+    "no primitive that is cut off: 100 become the whole ones nearest to them", 16, kept_shares, 1e-3, "cuts",
 )  # fmt: skip
-of_both = of_each(SLOPED, CUT)
+SECOND_CUT = Kind(
+    "second_cuts", SECOND_CUTS, with_all, whole, CUT.said, 16, partial(kept_shares, plane=SECOND_CUTS), 1e-3, "cuts"
+)
+each_kind = of_each(SLOPED, CUT, SECOND_CUT)
 NO_ROOM = [".glb", ".gltf", ".sog", ".splat", ".spz"]
 
 
-@of_both
+@each_kind
 def test_ply_and_compressed_ply_alone_hold_them(kind):
-    assert sorted(suffix for suffix, chosen in FORMATS.items() if not getattr(chosen, kind.word)) == NO_ROOM
+    assert sorted(suffix for suffix, chosen in FORMATS.items() if not getattr(chosen, kind.room)) == NO_ROOM
 
 
-@of_both
+@each_kind
 @pytest.mark.parametrize("sh_rows", [False, True])
 def test_a_ply_says_nothing_as_it_keeps_them(kind, sh_rows, tmp_path):
     truth = kind.model(2000)
@@ -65,7 +74,7 @@ def test_a_ply_says_nothing_as_it_keeps_them(kind, sh_rows, tmp_path):
     np.testing.assert_array_equal(kind.values(read_model(tmp_path / "a.ply").splats), kind.values(truth))
 
 
-@of_both
+@each_kind
 def test_they_go_through_a_compressed_ply_by_name_in_its_order(kind, tmp_path):
     truth = kind.model(2000)
     assert write_model(tmp_path / "a.compressed.ply", truth) == []
@@ -84,7 +93,7 @@ def test_slopes_go_through_a_compressed_ply_in_units_of_white(tmp_path):
     np.testing.assert_allclose(found, 40 * slopes, rtol=1e-3, atol=1e-4)
 
 
-@of_both
+@each_kind
 @pytest.mark.parametrize("suffix", NO_ROOM)
 def test_other_formats_have_what_is_nearest_and_a_line_that_says_so(kind, suffix, tmp_path):
     truth = kind.model(300, dog_share=0)
@@ -95,7 +104,7 @@ def test_other_formats_have_what_is_nearest_and_a_line_that_says_so(kind, suffix
     assert kind.n(read_model(tmp_path / f"with{suffix}").splats) == 0 and kind.n(truth) == 100
 
 
-@of_both
+@each_kind
 def test_an_upright_model_shows_the_same_where_its_points_are(kind):
     truth = kind.given(random_splats(30))
     turned, matrix = upright(Model(truth, Drawing(up="x", scale=0.3)))
@@ -104,7 +113,7 @@ def test_an_upright_model_shows_the_same_where_its_points_are(kind):
     np.testing.assert_allclose(kind.shown(turned.splats, moved), kind.shown(truth, points), atol=kind.close)
 
 
-@of_both
+@each_kind
 @pytest.mark.parametrize("dog_share", [0, 0.3])
 def test_the_price_of_a_row_is_that_of_the_file(kind, dog_share):
     splats = kind.model(500, dog_share).with_sh_degrees(np.arange(500) % 2)
@@ -116,7 +125,7 @@ def test_the_price_of_a_row_is_that_of_the_file(kind, dog_share):
     assert known.of(splats) - known.of(others) == ply.size(splats) - ply.size(others) - (header[0] - header[1])
 
 
-@of_both
+@each_kind
 @pytest.mark.parametrize("name", KINDS)
 def test_parts_add_up_to_the_file(kind, name):
     splats = kind.model(400)
@@ -126,7 +135,7 @@ def test_parts_add_up_to_the_file(kind, name):
     assert {part: size for part, size in parts.items() if part != kind.word} == others
 
 
-@of_both
+@each_kind
 @pytest.mark.parametrize("name", ["spz", "sog"])
 def test_what_a_training_will_end_as_has_none_where_the_format_has_none(kind, name):
     splats = kind.model(400)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import foreign_model
 import numpy as np
-from cut_models import with_cuts
+from cut_models import with_cuts, with_second_cuts
 from dataset_folders import colmap_folder, transforms_folder
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.capture import SETTINGS
@@ -36,6 +36,7 @@ from mi_dogsplat.scene.camera_file import read_camera
 from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.ply import read_ply
+from mi_dogsplat.scene.row_groups import SECOND_CUTS
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.resumable import require_same
 from mi_dogsplat.training.events import DogActivated, Pruned, row_of
@@ -134,10 +135,10 @@ def ply_seeds() -> list[bytes]:
     seeds = []
     for file_format in ("binary_little_endian", "binary_big_endian", "ascii"):
         for sh_degree in (0, 1):
-            splats = with_cuts(with_slopes(random_splats(5, sh_degree)))
+            splats = with_second_cuts(with_cuts(with_slopes(random_splats(5, sh_degree))), first=1)
             dog = {"index": splats.dog_index, **dog_columns(splats)}
             elements = {"vertex": vertex_columns(splats), "dog": dog, "slopes": slope_columns(splats)}
-            elements |= {"cuts": cut_columns(splats)}
+            elements |= {"cuts": cut_columns(splats), "second_cuts": cut_columns(splats, SECOND_CUTS)}
             seeds.append(to_bytes(elements, file_format, {"index": "uint"}))
         plain = random_splats(4, 0, ())
         seeds.append(to_bytes({"vertex": vertex_columns(plain)}, file_format, {"x": "double", "opacity": "double"}))
@@ -159,7 +160,8 @@ def model_seeds(root: Path) -> dict[str, list[bytes]]:
     for path in foreign_model.FOLDER.iterdir():
         if path.suffix != ".sog":  # large
             seeds[path.name.split(".", 1)[1]].append(path.read_bytes())
-    seeds["compressed.ply"].append(encode(with_cuts(with_slopes(random_splats(300, 0, (9, 10, 299)), 7), 5)))
+    with_rows = with_second_cuts(with_cuts(with_slopes(random_splats(300, 0, (9, 10, 299)), 7), 5), 6)
+    seeds["compressed.ply"].append(encode(with_rows))
     seeds["glb"].append(gltf_of_spz(seeds["spz"][0]))
     del seeds["ply"]  # a target of its own
     return seeds

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from mi_dogsplat.scene.row_groups import CUTS, RowGroup
 from mi_dogsplat.scene.splats import Splats
 
 DOG = ["dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2"]
@@ -51,9 +52,10 @@ def slope_columns(splats: Splats) -> dict[str, np.ndarray]:
     return {"index": splats.slope_index} | values
 
 
-def cut_columns(splats: Splats) -> dict[str, np.ndarray]:
-    """The element ``cuts`` by column."""
-    return {"index": splats.cut_index} | {f"cut_{axis}": splats.cut_normals[:, axis] for axis in range(3)}
+def cut_columns(splats: Splats, plane: RowGroup = CUTS) -> dict[str, np.ndarray]:
+    """The element ``cuts``, or that of another plane, by column."""
+    (name,) = plane.names
+    return {"index": getattr(splats, plane.index)} | {f"cut_{k}": getattr(splats, name)[:, k] for k in range(3)}
 
 
 def to_bytes(elements, file_format="binary_little_endian", types=None) -> bytes:

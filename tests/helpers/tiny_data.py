@@ -77,6 +77,13 @@ def cut_truth() -> Splats:
     return replace(model, log_scales=model.log_scales + np.log(1.6), **rows)
 
 
+def twice_cut_truth() -> Splats:
+    """The same, and a second plane for each: what is left is a wedge or a slab."""
+    model = cut_truth()
+    normals = np.random.default_rng(4).normal(0, 6, (N_TRUTH, 3))
+    return replace(model, second_cut_index=model.cut_index, second_cut_normals=normals)
+
+
 def dog_model(f_a: float = 0.4, F: float = 1.5) -> Splats:
     """The truth of the tiny data, every other primitive a DoG."""
     model = truth()

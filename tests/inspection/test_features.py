@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
-from cut_models import with_cuts
+from cut_models import with_cuts, with_second_cuts
 from launches import launches, loop
 from mi_dogsplat import write_ply
 from mi_dogsplat.cli import main
@@ -22,12 +22,14 @@ from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.features import model_features, scene_features
+from mi_dogsplat.scene.row_groups import ALONG_AXES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.presets import GIVEN
 from sloped_models import with_slopes
 from splat_scenes import dog_dict, make_camera, random_splats, rounded, scene_of, square_camera
 
-MODEL = {"Gaussians", "DoG", "negative T", "slopes", "cuts", "SH degree 1", "SH degree 2", "SH degree 3"}
+MODEL = {"Gaussians", "DoG", "negative T", "slopes", "cuts", "second cuts"} | {f"SH degree {d}" for d in (1, 2, 3)}
 RENDER = {"background", "antialiasing", "depth", "other AOVs", "derivatives"}
 
 
@@ -38,7 +40,7 @@ def model(degree=1, dog_share=0.0) -> Splats:
 def read(lines: list[str]) -> dict[str, tuple[str, str]]:
     """State and reason of each feature."""
     rows = [line for line in lines if line.startswith("  ")]
-    return {row[:23].strip(): tuple(row[23:].split(": ", 1)) for row in rows}  # pyright: ignore[reportReturnType]
+    return {row[:28].strip(): tuple(row[28:].split(": ", 1)) for row in rows}  # pyright: ignore[reportReturnType]
 
 
 def states(features) -> dict[str, str]:
@@ -56,7 +58,7 @@ def test_a_plain_model_leaves_out_what_it_has_not(tmp_path):
     write_ply(tmp_path / "m.ply", model())
     lines = describe_features(tmp_path / "m.ply")
     assert lines[0] == f"{tmp_path / 'm.ply'}: what it needs and what is left out"
-    assert "  DoG                  left out: 0 of 40 primitives" in lines
+    assert f"  {'DoG':26}left out: 0 of 40 primitives" in lines
     found = read(lines)
     assert set(found) == MODEL | RENDER
     assert {name for name, (state, _) in found.items() if state == "needed"} == {"Gaussians", "SH degree 1"}
@@ -66,10 +68,11 @@ def test_a_plain_model_leaves_out_what_it_has_not(tmp_path):
 
 
 def test_the_parameters_add_up_to_those_of_the_model():
-    splats = with_cuts(with_slopes(model(degree=3, dog_share=0.5), every=3))
+    splats = with_second_cuts(with_cuts(with_slopes(model(degree=3, dog_share=0.5), every=3)), every=5)
     each = {f.name: int(f.reason.split("each ")[1].split()[0]) for f in model_features([splats]) if "each" in f.reason}
     m = each.pop("DoG") * splats.n_dog
     m += each.pop("slopes") * splats.n_slopes + each.pop("cuts") * splats.n_cuts
+    m += each.pop("second cuts") * splats.n_second_cuts
     arrays = [getattr(splats, name) for name in vars(splats) if not name.endswith("_index")]
     assert sum(each.values()) * splats.n_splats + m == sum(array.size for array in arrays)
 
@@ -93,6 +96,7 @@ def test_dog_is_needed_by_the_primitives_that_are():
     [
         ("slopes", with_slopes, "9 parameters, 40 bytes", "primitives of one"),
         ("cuts", with_cuts, "3 parameters, 16 bytes", "whole primitives"),
+        ("second cuts", with_second_cuts, "3 parameters, 16 bytes", "primitives that are cut off once"),
     ],
 )
 def test_slopes_and_cuts_are_needed_by_the_primitives_that_have_them(name, with_rows, size, others):
@@ -106,7 +110,7 @@ def test_slopes_and_cuts_are_needed_by_the_primitives_that_have_them(name, with_
     assert rest[0] == "paid, not needed" and rest[1].startswith(f"70 {others}")
     every = read([str(f) for f in model_features([with_rows(model(), every=1)])])
     assert every[name][0] == "needed" and f"{name} of others" not in every
-    zeros = dataclasses.replace(splats, color_slopes=0 * splats.color_slopes, cut_normals=0 * splats.cut_normals)
+    zeros = dataclasses.replace(splats, **{name: 0 * getattr(splats, name) for name in ALONG_AXES})
     unneeded = read([str(f) for f in model_features([zeros])])[f"{name} that are zero"]
     assert unneeded == ("paid, not needed", f"10, {10 * int(size.split()[2])} bytes; dogsplat clean takes them out")
 
@@ -283,6 +287,19 @@ def test_a_run_of_a_comparison_needs_what_the_recipe_of_its_method_asks_for(tmp_
     assert (found["pruning"][0], found["training DoG"][0]) == ("needed", "left out")
 
 
+@pytest.mark.parametrize("known", [(), ("slopes",), ("slopes", "cuts")])
+def test_a_recipe_of_an_earlier_version_knows_nothing_of_rows_that_came_later(tmp_path, known):
+    write_run(tmp_path, False, preset="paper", background="black")
+    recipe = dataclasses.asdict(METHODS["ours_cuts"].recipe)
+    recipe = {name: rule for name, rule in recipe.items() if name not in GIVEN or name in known}
+    (tmp_path / "recipe.json").write_text(json.dumps({"label": "cuts", "recipe": recipe}))
+    found = read(describe_features(tmp_path))
+    for name in GIVEN:
+        said = found[f"training {name.replace('_', ' ')}"]
+        assert said[0] == ("needed" if name in known else "left out")
+        assert said[1] == ("from 60% of the run on, left out before" if name in known else "not in the recipe")
+
+
 @pytest.mark.parametrize(
     ("changed", "wrong"),
     [
@@ -291,6 +308,7 @@ def test_a_run_of_a_comparison_needs_what_the_recipe_of_its_method_asks_for(tmp_
         ({"densification": {"start": 500}}, "densification"),
         ({"pruning": 3}, "pruning"),
         ({"dog": {"start": None}}, "dog"),
+        ({"second_cuts": {"start": "soon"}}, "second_cuts"),
         ({"preconditioning": []}, "preconditioning"),
         (None, "recipe"),
     ],
@@ -316,6 +334,7 @@ def test_a_format_that_the_preset_of_a_run_cannot_have_is_one_line(tmp_path):
         ({"preset": "3dgs"}, "training DoG", "left out"),
         ({"preset": "ours_slopes"}, "training slopes", "needed"),
         ({"preset": "ours_cuts"}, "training cuts", "needed"),
+        ({"preset": "ours_second_cuts"}, "training second cuts", "needed"),
         ({"preset": "ours_preconditioned"}, "preconditioned steps", "needed"),
         ({"preconditioned": True}, "preconditioned steps", "needed"),
         ({"model": "m.ply"}, "densification", "left out"),

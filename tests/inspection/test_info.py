@@ -8,13 +8,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
-from cut_models import with_cuts
 from dataset_folders import transforms_folder
 from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.info import describe, model_problems
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from own_axes_models import CUT, SECOND_CUT, Kind
 from sloped_models import with_slopes
 
 
@@ -76,15 +76,20 @@ def test_slopes_are_counted_where_there_are_some(tmp_path):
     assert parts[-1].startswith("slopes ") and parts[-2].startswith("dog ")
 
 
-def test_cuts_are_counted_where_there_are_some(tmp_path):
-    splats = with_cuts(healthy(), every=50)
-    splats.cut_normals[:] = [[3, 4, 0], [0, 0, 2], [0, -8, 6], [0, 12, 5]]
+@pytest.mark.parametrize(
+    ("kind", "what", "normals"),
+    [(CUT, "with a cut", "cut normals"), (SECOND_CUT, "with a second", "second normals")],
+    ids=["cuts", "second_cuts"],
+)
+def test_cuts_are_counted_where_there_are_some(tmp_path, kind: Kind, what, normals):
+    splats = kind.having(healthy(), every=50)
+    kind.values(splats)[:] = [[3, 4, 0], [0, 0, 2], [0, -8, 6], [0, 12, 5]]
     write_ply(tmp_path / "m.ply", splats)
     lines = describe(tmp_path / "m.ply")
-    assert value_of(lines, "primitives") == "200, 3 of them DoG, 4 with a cut"
-    assert value_of(lines, "cut normals") == "2 to 13, median 7.5" and lines[-1] == "problems: none found"
+    assert value_of(lines, "primitives") == f"200, 3 of them DoG, 4 {what}"
+    assert value_of(lines, normals) == "2 to 13, median 7.5" and lines[-1] == "problems: none found"
     write_ply(tmp_path / "rows.ply", splats.with_sh_degrees(np.repeat([0, 1], [150, 50])), "rows")
-    assert value_of(describe(tmp_path / "rows.ply"), "bytes of").split(", ")[-1].startswith("cuts ")
+    assert value_of(describe(tmp_path / "rows.ply"), "bytes of").split(", ")[-1].startswith(f"{kind.word} ")
 
 
 def test_a_model_without_dog_says_nothing_about_it(tmp_path):
@@ -154,6 +159,8 @@ def test_a_run_that_gives_slopes_to_primitives_tells_of_how_many(tmp_path):
     assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 1,234 with slopes"
     (run / "metrics.json").write_text(json.dumps(metrics | {"n_slopes": 1234, "n_cuts": 5}))
     assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 1,234 with slopes, 5 with a cut"
+    (run / "metrics.json").write_text(json.dumps(metrics | {"n_cuts": 5, "n_second_cuts": 4}))
+    assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 5 with a cut, 4 with a second"
 
 
 def test_an_interrupted_run_shows_how_far_it_came(tmp_path):

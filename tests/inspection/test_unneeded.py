@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import tiny_data
-from cut_models import with_cuts
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.inspection.unneeded import FADED, Unneeded, used_sh_degrees
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.splats import Splats
+from own_axes_models import EACH_KIND, EACH_PLANE, PLANE_KINDS, SLOPED, Kind
 from sloped_models import with_slopes
 from splat_scenes import logit, make_camera, make_splats, random_splats, rounded
 
@@ -86,52 +86,57 @@ def test_pictures_keep_their_bits_where_all_slopes_are_zero():
         assert np.array_equal(before, after)
 
 
-def cut_off(seed=0) -> Splats:
+def cut_off(kind: Kind) -> Splats:
     """The same, and a plane cuts off every third primitive, of which each fourth normal is zero."""
-    splats = with_cuts(wasteful(seed), every=3)
-    splats.cut_normals[::4] = 0
-    splats.cut_normals[::8] = -0.0
-    splats.cut_normals[1, :2] = 0  # not all of the row
+    splats = kind.having(wasteful(), every=3)
+    kind.values(splats)[::4] = 0
+    kind.values(splats)[::8] = -0.0
+    kind.values(splats)[1, :2] = 0  # not all of the row
     return splats
 
 
-def test_cuts_with_normals_of_zero_leave_and_the_others_stay():
-    splats = cut_off()
+@EACH_PLANE
+def test_cuts_with_normals_of_zero_leave_and_the_others_stay(kind):
+    splats = cut_off(kind)
     found = Unneeded.of(splats)
     lean = found.taken_out(splats)
-    seen = ~found.invisible[splats.cut_index]
-    assert found.zero_cuts.tolist() == (seen & (np.arange(27) % 4 == 0)).tolist() and found.zero_cuts.sum() >= 5
-    assert lean.n_cuts == seen.sum() - found.zero_cuts.sum()
+    seen, zeros = ~found.invisible[kind.index(splats)], getattr(found, f"zero_{kind.word}")
+    assert zeros.tolist() == (seen & (np.arange(27) % 4 == 0)).tolist() and zeros.sum() >= 5
+    assert kind.n(lean) == seen.sum() - zeros.sum()
     whole = Unneeded.of(splats.without_cuts()).taken_out(splats.without_cuts())
     for before, after, other in zip(pictures(splats), pictures(lean), pictures(whole), strict=True):
         assert abs(before - after).max() < 1e-6 and abs(before - other).max() > 1e-3
 
 
-def test_pictures_stay_where_all_cuts_have_normals_of_zero():
+@EACH_PLANE
+def test_pictures_stay_where_all_cuts_have_normals_of_zero(kind):
     """The kernels of a model without cuts are others."""
-    splats = replace(cut_off(), cut_normals=np.zeros((27, 3)))
+    splats = replace(cut_off(kind), **{kind.name: np.zeros((27, 3))})
     lean = Unneeded.of(splats).taken_out(splats)
-    assert splats.n_cuts and not lean.n_cuts
+    assert kind.n(splats) and not kind.n(lean)
     for before, after in zip(pictures(splats), pictures(lean), strict=True):
         assert abs(before - after).max() < 1e-6
 
 
-def test_a_faint_primitive_stays_where_its_cut_makes_it_visible():
+@pytest.mark.parametrize(
+    ("opacity", "shown"), [(0.999, [False, True, True, True]), (0.97, [False, False, False, True])]
+)
+def test_a_faint_primitive_stays_where_its_cuts_make_it_visible(opacity, shown):
     """Oracle: a picture with a pixel where the most is kept of it."""
-    splats = rounded(make_splats([[0, 0, 2]], 1.0, 0.999 * CUTOFF))
-    cut = replace(splats, cut_index=[0], cut_normals=[[40, 0, 0]])
+    splats = rounded(make_splats([[0, 0, 2]], 1.0, opacity * CUTOFF))
+    first, second = ({kind.group.index: [0], kind.name: [[400, 0, 0]]} for kind in PLANE_KINDS)
+    models = [replace(splats, **rows) for rows in ({}, first, second, first | second)]
     camera = make_camera(99, 9)
-    drawn = [render_picture(upload(s), camera, RasterOptions(sh_degree=0)).color.any() for s in (splats, cut)]
-    assert drawn == [False, True]
-    assert [bool(Unneeded.of(s).invisible[0]) for s in (splats, cut)] == [True, False]
+    assert [render_picture(upload(s), camera, RasterOptions(sh_degree=0)).color.any() for s in models] == shown
+    assert [not Unneeded.of(s).invisible[0] for s in models] == shown
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-@pytest.mark.parametrize("kind", ["slopes", "cuts"])
+@EACH_KIND
 def test_rows_that_are_not_finite_are_drawn_by_no_kernel(value, kind):
-    splats = sloped() if kind == "slopes" else cut_off()
-    (splats.color_slopes if kind == "slopes" else splats.cut_normals)[2, 1, ...] = value
-    row = int((splats.slope_index if kind == "slopes" else splats.cut_index)[2])
+    splats = sloped() if kind is SLOPED else cut_off(kind)
+    kind.values(splats)[2, 1, ...] = value
+    row = int(kind.index(splats)[2])
     assert row % 5 and Unneeded.of(splats).invisible[row]
     lean = Unneeded.of(splats).taken_out(splats)
     for before, after in zip(pictures(splats), pictures(lean), strict=True):
@@ -200,8 +205,9 @@ def test_each_kind_is_named_with_its_number_and_bytes():
     ]
     slopes = [line for line in Unneeded.of(sloped()).described(sloped()) if "slopes" in line]
     assert slopes == ["slopes that are zero: 5, 200 bytes"]
-    cuts = [line for line in Unneeded.of(cut_off()).described(cut_off()) if "cuts" in line]
-    assert cuts == ["cuts that are zero: 5, 80 bytes"]
+    for kind in PLANE_KINDS:
+        cuts = [line for line in Unneeded.of(cut_off(kind)).described(cut_off(kind)) if "cuts" in line]
+        assert cuts == [f"{kind.word.replace('_', ' ')} that are zero: 5, 80 bytes"]
     lean = found.taken_out(splats)
     assert Unneeded.of(lean).described(lean) == []
     lean.sh_coeffs[::2, 1:] = 0

@@ -10,7 +10,7 @@ from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.reference.forward import kernels
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from mi_dogsplat.reference.rays import meet
-from own_axes_models import CUT, nearest_on_ray
+from own_axes_models import CUT, PLANE_KINDS, SECOND_CUT, nearest_on_ray
 from splat_scenes import axis_rotation, make_camera, make_splats, random_splats, rounded, tilted_camera
 from tiled_twin import BACKGROUND, SMALL, adjoint_of, assert_gradients_near, at_limits
 
@@ -61,9 +61,12 @@ def test_what_is_beyond_a_steep_cut_is_gone_and_the_rest_is_whole():
     np.testing.assert_allclose(image[33:], np.minimum(0.99, left(np.inf) * whole[33:]), rtol=1e-9)
 
 
-def test_lists_hold_what_a_cut_makes_a_little_more_opaque():
+@pytest.mark.parametrize(("planes", "opacity"), [((CUT,), 0.99), ((SECOND_CUT,), 0.99), (PLANE_KINDS, 0.97)])
+def test_lists_hold_what_cuts_make_a_little_more_opaque(planes, opacity):
     """Alpha just below the cutoff at the centre, and above it towards the normal."""
-    splats = CUT.given(make_splats([0, 0, 2], 5.0, 0.99 / 255), (40, 0, 0))
+    splats = make_splats([0, 0, 2], 5.0, opacity / 255)
+    for kind in planes:
+        splats = kind.given(splats, (40, 0, 0))
     camera = make_camera(f=60.0)
     p = reference.project(splats, camera)
     assert p.extents.min() > 0 and reference.render(splats, camera)[0].max() > 1 / 255
@@ -86,8 +89,9 @@ def test_cuts_change_only_pixels_of_their_primitives():
 
 
 @pytest.mark.parametrize("seed", [6, 7])
-def test_gradients_with_cutoffs_and_at_limits_equal_differences(seed):
-    splats = at_limits(seed, cut_share=1)
+@pytest.mark.parametrize("shares", [{"cut_share": 1}, {"cut_share": 1, "second_cut_share": 1}])
+def test_gradients_with_cutoffs_and_at_limits_equal_differences(seed, shares):
+    splats = at_limits(seed, **shares)
     expected = reference.loss_gradients(splats, SMALL, ADJOINT, background=BACKGROUND, smooth=False, eps=1e-6)
     assert expected["cut_normals"][:2].any(1).all()  # saturated but for where they are cut off
     assert_gradients_near(gradients_tiled(splats, SMALL, ADJOINT, BACKGROUND), expected, rtol=1e-5)

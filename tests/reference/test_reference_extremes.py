@@ -97,7 +97,7 @@ EXTREMES = {
 }
 
 
-@pytest.mark.parametrize("varies", ["even", "slopes", "slopes and cut", "steep cut"])
+@pytest.mark.parametrize("varies", ["even", "slopes", "slopes and cut", "steep cut", "cut twice"])
 @pytest.mark.parametrize("antialiased", [False, True])
 @pytest.mark.parametrize("case", EXTREMES)
 def test_gradients_of_extreme_primitives_have_ten_digits(case, antialiased, varies):
@@ -110,6 +110,8 @@ def test_gradients_of_extreme_primitives_have_ten_digits(case, antialiased, vari
     if "cut" in varies:
         steep = 30 if "steep" in varies else 1
         splats.cut_index, splats.cut_normals = np.array([0]), steep * np.array([[3.0, -2, 1.5]])
+    if "twice" in varies:
+        splats.second_cut_index, splats.second_cut_normals = np.array([0]), np.array([[1.0, 3, -2]])
     camera = tilted_camera(5, 4, f=4.0)
     adjoint = np.random.default_rng(0).normal(size=(4, 5, 3))
     got = gradients_tiled(splats, camera, adjoint, BACKGROUND, antialiased=antialiased, min_alpha=0,

@@ -24,7 +24,7 @@ from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
 
 STEPS = 60
-PRESETS = ("3dgs", "ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "released")
+PRESETS = ("3dgs", "ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "released")
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
@@ -78,6 +78,7 @@ def whole(data, tmp_path_factory) -> dict[str, Path]:
     assert all(records(rows, kind) for kind in ("densified", "pruned", "dog_activated"))
     assert records(history_of(folders["ours_slopes"]), "slopes_activated")[0]["count"] > 0
     assert records(history_of(folders["ours_cuts"]), "cuts_activated")[0]["count"] > 0
+    assert records(history_of(folders["ours_second_cuts"]), "second_cuts_activated")[0]["count"] > 0
     return folders
 
 

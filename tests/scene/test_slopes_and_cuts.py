@@ -1,13 +1,15 @@
 """Slopes of colours, and cuts: in memory, in a PLY file, under maps and in another unit of light."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from cut_models import kept_shares, with_cuts
+from cut_models import kept_shares, with_cuts, with_second_cuts
+from mi_dogsplat.scene.kinds import kinds, kinds_of
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.radiance import brightened
-from mi_dogsplat.scene.row_groups import CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CUTS, PLANES, SECOND_CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.errors import DataError
@@ -24,9 +26,12 @@ MIRROR = np.eye(3) - 2 * np.outer([0.6, 0, 0.8], [0.6, 0, 0.8])
 SHEAR = np.array([[1.2, 0.5, 0], [0, 0.7, -0.3], [0.1, 0, 2.0]])
 MAPS = {"turn": TURN, "mirror": MIRROR, "scale": 1.7 * np.eye(3), "point mirror": -0.4 * TURN, "shear": SHEAR,
         "mirrored shear": SHEAR @ MIRROR, "stretch": np.diag([1.0, 1, 3])}  # fmt: skip
-ROWS = {"slopes": (SLOPES, slope_columns), "cuts": (CUTS, cut_columns)}  # by the element that holds them
-NAMES = {"slopes": "color_slopes", "cuts": "cut_normals"}
-both = pytest.mark.parametrize("element", ROWS)
+SECOND_COLUMNS = partial(cut_columns, plane=SECOND_CUTS)
+ROWS = {"slopes": (SLOPES, slope_columns), "cuts": (CUTS, cut_columns), "second_cuts": (SECOND_CUTS, SECOND_COLUMNS)}
+"""By the element that holds them."""
+NAMES = {"slopes": "color_slopes", "cuts": "cut_normals", "second_cuts": "second_cut_normals"}
+TOLD = {"slopes": ("slope", "slope"), "cuts": ("cut", "cut"), "second_cuts": ("second cut", "cut")}  # a row, a column
+each_kind = pytest.mark.parametrize("element", ROWS)
 
 
 def with_rows(splats: Splats, group: RowGroup, index=INDEX) -> Splats:
@@ -40,8 +45,12 @@ def model(element: str, index=INDEX, **others) -> Splats:
     return with_rows(random_splats(**others), ROWS[element][0], index)
 
 
+def model_of_all() -> Splats:
+    return with_rows(with_rows(model("slopes"), CUTS, [0, 3, 6]), SECOND_CUTS, [0, 2, 3])
+
+
 def without(splats: Splats, element: str) -> Splats:
-    return splats.without_slopes() if element == "slopes" else splats.without_cuts()
+    return getattr(splats, f"without_{element}")()
 
 
 def elements(splats: Splats, element: str, **changed) -> dict:
@@ -58,7 +67,7 @@ def same(a: Splats, b: Splats):
 @pytest.mark.parametrize("index", [INDEX, [0], list(range(7)), []])
 @pytest.mark.parametrize("dog_index", [(0, 3, 4), ()])
 @pytest.mark.parametrize("sh_degree", [0, 3])
-@both
+@each_kind
 def test_a_written_model_comes_back_bit_for_bit(tmp_path, element, index, dog_index, sh_degree):
     splats = model(element, index, dog_index=dog_index, sh_degree=sh_degree)
     write_ply(tmp_path / "a.ply", splats)
@@ -66,22 +75,21 @@ def test_a_written_model_comes_back_bit_for_bit(tmp_path, element, index, dog_in
     same(read_ply(tmp_path / "a.ply"), splats)
 
 
-def test_a_model_of_both_comes_back_and_a_primitive_may_have_both(tmp_path):
-    splats = with_rows(model("slopes"), CUTS, [0, 3, 6])
-    write_ply(tmp_path / "a.ply", splats)
-    same(read_ply(tmp_path / "a.ply"), splats)
+def test_a_model_of_all_comes_back_and_a_primitive_may_have_all(tmp_path):
+    write_ply(tmp_path / "a.ply", model_of_all())
+    same(read_ply(tmp_path / "a.ply"), model_of_all())
 
 
 @pytest.mark.parametrize("layout", ["3dgs", "rows"])
-@both
+@each_kind
 def test_they_stand_beside_degrees_of_single_primitives(tmp_path, layout, element):
     mixed = model(element).with_sh_degrees([3, 0, 1, 2, 0, 3, 1])
-    assert (mixed.n_slopes, mixed.n_cuts) == ((4, 0) if element == "slopes" else (0, 4))
+    assert [getattr(mixed, f"n_{each}") for each in ROWS] == [4 * (each == element) for each in ROWS]
     write_ply(tmp_path / "a.ply", mixed, layout)
     same(read_ply(tmp_path / "a.ply"), mixed if layout == "rows" else mixed.uniform_sh())
 
 
-@pytest.mark.parametrize(("element", "columns"), [("slopes", 9), ("cuts", 3)])
+@pytest.mark.parametrize(("element", "columns"), [("slopes", 9), ("cuts", 3), ("second_cuts", 3)])
 def test_the_file_has_the_fixed_layout_byte_for_byte(tmp_path, element, columns):
     splats = model(element, dog_index=(0, 3))
     write_ply(tmp_path / "with.ply", splats)
@@ -98,15 +106,14 @@ def test_the_file_has_the_fixed_layout_byte_for_byte(tmp_path, element, columns)
 
 
 def test_cuts_follow_slopes_and_precede_degrees(tmp_path):
-    splats = with_rows(model("slopes"), CUTS).with_sh_degrees([3, 0, 1, 2, 0, 3, 1])
-    write_ply(tmp_path / "a.ply", splats, "rows")
+    write_ply(tmp_path / "a.ply", model_of_all().with_sh_degrees([3, 0, 1, 2, 0, 3, 1]), "rows")
     header = (tmp_path / "a.ply").read_bytes().split(b"end_header\n", 1)[0].decode()
     found = [line.split()[1] for line in header.splitlines() if line.startswith("element")]
-    assert found == ["vertex", "dog", "slopes", "cuts", "sh1", "sh2", "sh3"]
+    assert found == ["vertex", "dog", "slopes", "cuts", "second_cuts", "sh1", "sh2", "sh3"]
 
 
 @pytest.mark.parametrize("file_format", ["binary_little_endian", "binary_big_endian", "ascii"])
-@both
+@each_kind
 def test_rows_in_any_order_are_sorted_with_their_values(tmp_path, file_format, element):
     splats = model(element, dog_index=())
     order = [2, 0, 3, 1]
@@ -122,24 +129,26 @@ def test_rows_in_any_order_are_sorted_with_their_values(tmp_path, file_format, e
         ({"index": np.array([-1, 3, 4, 5])}, {"index": "int"}, 'row 0 of the element "ROWS" has index -1, but the'),
         ({"index": np.array([1, 3.5, 4, 5])}, {"index": "float"}, 'row 1 of the element "ROWS" has index 3.5, but'),
         ({"index": np.array([1, 4, 3, 4])}, {}, 'the element "ROWS" names primitive 4 more than once; write the ROW '),
-        ({"index": None}, {}, '"index"'),
-        ({"ROW_1": None}, {}, '"ROW_1"'),
-        ({"ROW_2": np.array([0, 1, np.nan, 0])}, {}, '"ROW_2" in row 2'),
-        ({"ROW_0": np.array([0, -np.inf, 1, 0])}, {}, '"ROW_0" in row 1'),
+        ({"index": None}, {}, 'element "ROWS" has no property "index"'),
+        ({"COLUMN_1": None}, {}, 'element "ROWS" has no property "COLUMN_1"'),
+        ({"COLUMN_2": np.array([0, 1, np.nan, 0])}, {}, '"COLUMN_2" in row 2'),
+        ({"COLUMN_0": np.array([0, -np.inf, 1, 0])}, {}, '"COLUMN_0" in row 1'),
     ],
 )
-@both
+@each_kind
 def test_what_is_wrong_with_the_rows_is_one_line(tmp_path, changed, types, message, element):
-    splats, row = model(element, dog_index=()), element.removesuffix("s")
-    changed = {name.replace("ROW", row): values for name, values in changed.items()}
+    splats, (row, column) = model(element, dog_index=()), TOLD[element]
+    changed = {name.replace("COLUMN", column): values for name, values in changed.items()}
     path = write(tmp_path, to_bytes(elements(splats, element, **changed), types={"index": "uint"} | types))
     with pytest.raises(DataError) as error:
         read_ply(path)
     told = str(error.value)
-    assert message.replace("ROWS", element).replace("ROW", row) in told and "\n" not in told and row in told
+    for place, word in (("ROWS", element), ("ROW", row), ("COLUMN", column)):
+        message = message.replace(place, word)
+    assert message in told and "\n" not in told
 
 
-@pytest.mark.parametrize(("element", "column"), [("slopes", "slope_3"), ("cuts", "cut_1")])
+@pytest.mark.parametrize(("element", "column"), [("slopes", "slope_3"), ("cuts", "cut_1"), ("second_cuts", "cut_1")])
 def test_what_is_not_finite_is_not_written(tmp_path, element, column):
     splats = model(element)
     getattr(splats, NAMES[element])[2, 1] = np.inf
@@ -158,25 +167,37 @@ def test_what_is_not_finite_is_not_written(tmp_path, element, column):
         ([], [], []),
     ],
 )
-@both
+@each_kind
 def test_selected_primitives_keep_their_own_rows(which, index, rows, element):
     chosen, (group, _), name = model(element).select(which), ROWS[element], NAMES[element]
     assert getattr(chosen, group.index).tolist() == index and getattr(chosen, f"n_{element}") == len(index)
     np.testing.assert_array_equal(getattr(chosen, name), getattr(model(element), name)[rows])
 
 
-@both
+@each_kind
 def test_without_them_all_else_stays(element):
-    splats, (group, _) = with_rows(model("slopes"), CUTS), ROWS[element]
-    left = without(splats, element)
-    assert (splats.n_slopes, splats.n_cuts, left.n_dog) == (4, 4, 3)
+    splats, left = model_of_all(), without(model_of_all(), element)
+    groups = PLANES if element == "cuts" else [ROWS[element][0]]  # what has no cut has no second one
+    assert (splats.n_slopes, splats.n_cuts, splats.n_second_cuts, left.n_dog) == (4, 3, 3, 3)
     for name in FIELDS:
-        if name in (group.index, *group.names):
+        if any(name in (group.index, *group.names) for group in groups):
             assert len(getattr(left, name)) == 0
         else:
             np.testing.assert_array_equal(getattr(left, name), getattr(splats, name))
             assert not np.shares_memory(getattr(left, name), getattr(splats, name))
-    assert (splats.plain().n_slopes, splats.plain().n_cuts, splats.plain().n_dog) == (4, 4, 0)
+    plain = splats.plain()
+    assert (plain.n_slopes, plain.n_cuts, plain.n_second_cuts, plain.n_dog) == (4, 3, 3, 0)
+
+
+def test_a_primitive_is_cut_if_either_plane_cuts_it_off():
+    assert np.flatnonzero(model_of_all().is_cut).tolist() == [0, 2, 3, 6]
+    assert np.flatnonzero(model("second_cuts").is_cut).tolist() == INDEX and not random_splats().is_cut.any()
+
+
+def test_kinds_are_counted_in_words_and_nothing_is_said_of_what_is_not_there():
+    assert kinds_of(model_of_all()) == "3 of them DoG, 4 with slopes, 3 with a cut, 3 with a second"
+    assert kinds_of(model("second_cuts", dog_index=())) == "0 of them DoG, 4 with a second"
+    assert kinds({"n_cuts": 0, "n_second_cuts": 1234}) == "\u2013 of them DoG, 0 with a cut, 1,234 with a second"
 
 
 @pytest.mark.parametrize(
@@ -190,11 +211,15 @@ def test_without_them_all_else_stays(element):
         ({"cut_normals": np.zeros(4)}, '"cut_normals" has shape [4], expected [4, 3]'),
         ({"cut_index": [1, 3, 4, 7]}, '"cut_index" spans 1 to 7, "means" has 7 rows'),
         ({"cut_index": [1, 4, 4, 6]}, '"cut_index" is not strictly increasing'),
+        ({"second_cut_normals": np.zeros((3, 3))}, '"second_cut_normals" has 3 rows, "second_cut_index" has 4'),
+        ({"second_cut_normals": np.zeros(4)}, '"second_cut_normals" has shape [4], expected [4, 3]'),
+        ({"second_cut_index": [1, 3, 4, 7]}, '"second_cut_index" spans 1 to 7, "means" has 7 rows'),
+        ({"second_cut_index": [1, 4, 4, 6]}, '"second_cut_index" is not strictly increasing'),
     ],
 )
 def test_a_mismatch_names_both_sides(changes, message):
     with pytest.raises(ValueError) as error:
-        replace(with_rows(model("slopes"), CUTS), **changes)
+        replace(with_rows(with_rows(model("slopes"), CUTS), SECOND_CUTS), **changes)
     assert message in str(error.value)
 
 
@@ -211,6 +236,7 @@ def moved_by(name: str, splats: Splats) -> tuple[Splats, np.ndarray, np.ndarray]
     # Rounding of float32 in a mean is some 1e-7 of a world unit, in units of the thinnest scale 1e-4 of it.
     (with_slopes, slope_colors, 2e-4),
     (with_cuts, kept_shares, 1e-3),  # normals are some ten times longer
+    (with_second_cuts, partial(kept_shares, plane=SECOND_CUTS), 1e-3),
 ], ids=ROWS)  # fmt: skip
 def test_a_place_shows_what_it_did_before_it_was_moved(name, with_rows, shown_at, atol):
     splats = with_rows(splats_in_view(60))
@@ -222,17 +248,17 @@ def test_a_place_shows_what_it_did_before_it_was_moved(name, with_rows, shown_at
 
 
 def test_the_identity_keeps_every_bit_and_two_mirrors_do():
-    splats = with_cuts(with_slopes(splats_in_view(20)))
+    splats = with_second_cuts(with_cuts(with_slopes(splats_in_view(20))))
     same(transformed(splats, np.eye(4)), splats)
     mirror = np.diag([-1.0, 1, 1, 1])
     twice = transformed(transformed(splats, mirror), mirror)
-    for name in ("slope_index", "color_slopes", "cut_index", "cut_normals"):
+    for name in (name for group, _ in ROWS.values() for name in (group.index, *group.names)):
         np.testing.assert_array_equal(getattr(twice, name), getattr(splats, name))
 
 
-@pytest.mark.parametrize("name", ["color_slopes", "cut_normals"])
+@pytest.mark.parametrize("name", NAMES.values())
 def test_a_map_of_what_is_not_finite_warns_of_nothing_and_leaves_the_others_alone(name):
-    splats = with_cuts(with_slopes(splats_in_view(20), every=1), every=1)
+    splats = with_second_cuts(with_cuts(with_slopes(splats_in_view(20), every=1), every=1), every=1)
     broken = replace(splats, log_scales=np.where(np.arange(20)[:, None] == 3, np.float32(800), splats.log_scales))
     matrix = np.diag([1.0, 1, 3, 1])
     got, expected = transformed(broken, matrix), transformed(splats, matrix)
@@ -242,9 +268,9 @@ def test_a_map_of_what_is_not_finite_warns_of_nothing_and_leaves_the_others_alon
 
 @pytest.mark.parametrize("factor", [7.0, 0.25])
 def test_a_brighter_model_has_brighter_slopes_and_the_same_cuts(factor):
-    splats = with_cuts(with_slopes(splats_in_view(20, degree=1)))
+    splats = with_second_cuts(with_cuts(with_slopes(splats_in_view(20, degree=1))))
     points = points_in(splats)
     bright = brightened(splats, factor)
     np.testing.assert_allclose(slope_colors(bright, points), factor * slope_colors(splats, points), rtol=1e-5)
-    for name in ("slope_index", "cut_index", "cut_normals"):
+    for name in ("slope_index", "cut_index", "cut_normals", "second_cut_index", "second_cut_normals"):
         np.testing.assert_array_equal(getattr(bright, name), getattr(splats, name))

@@ -1,15 +1,16 @@
-"""What a plane cuts off, as whole primitives: the nearest ones, in numbers, in space and in pictures."""
+"""What planes cut off, as whole primitives: the nearest ones, in numbers, in space and in pictures."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from cut_models import with_cuts
+from cut_models import with_cuts, with_second_cuts
 from mi_dogsplat import reference
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.scene.whole import nearest_whole, whole
-from scipy.optimize import minimize
+from scipy.optimize import least_squares, minimize
 from sloped_models import with_slopes
 from splat_scenes import image_of, make_camera, make_splats, random_splats, rasterized, rounded
 
@@ -17,9 +18,17 @@ PLACES = np.linspace(-9, 9, 4001)
 C0 = 0.28209479177387814
 
 
-def left(length: float) -> np.ndarray:
+def with_both(splats: Any, every: int = 2) -> Splats:
+    return with_second_cuts(with_cuts(splats, every), every)
+
+
+GIVEN = {"cuts": with_cuts, "second cuts": with_second_cuts, "both": with_both}
+by_planes = pytest.mark.parametrize("given", GIVEN.values(), ids=GIVEN)
+
+
+def left(length: float, offset: float = 4.0) -> np.ndarray:
     """What a cut leaves of a Gaussian along its normal, at ``PLACES``."""
-    return np.exp(-0.5 * PLACES**2) * (1 + np.exp(-4)) / (1 + np.exp(np.minimum(-4 - length * PLACES, 700)))
+    return np.exp(-0.5 * PLACES**2 - np.logaddexp(0, -offset - length * PLACES)) * (1 + np.exp(-4))
 
 
 def gaussian(m: float, r: float, a: float) -> np.ndarray:
@@ -42,9 +51,30 @@ def test_no_other_gaussian_is_nearer(length):
     assert error < 0.15 * ((gaussian(0, 1, 1) - left(length)) ** 2).sum()
 
 
-def test_a_normal_of_zero_leaves_its_primitive_as_it_is():
+@pytest.mark.parametrize("offset", [-20.0, -9.0, -3.0, 0.0, 2.0, 8.0, 30.0])
+@pytest.mark.parametrize("length", [0.05, 0.4, 2.0, 12.0, 90.0, 1000.0])
+def test_wherever_the_plane_lies_hardly_any_gaussian_is_nearer(length, offset):
+    """Slivers too, as a second plane may leave them. Oracle: searches from several starts, in parts of all squares."""
+    f = left(length, offset)
+
+    def lost(p: np.ndarray) -> float:
+        G = gaussian(p[0], np.exp(p[1]), 1)
+        return 1 - (G @ f) ** 2 / (G @ G) / (f @ f)
+
+    m, r, a = (values.item() for values in nearest_whole(np.array([length]), np.array([offset])))
+    starts = (PLACES[f.argmax()], 0), (PLACES[f.argmax()], -2), (0.3, -0.3)
+    best = min(minimize(lost, start, method="Nelder-Mead").fun for start in starts)
+    error = ((gaussian(m, r, a) - f) ** 2).sum() / (f @ f)
+    assert error < best + 1e-4 and best < 0.12
+
+
+@pytest.mark.parametrize("planes", [1, 2])
+def test_a_normal_of_zero_leaves_its_primitive_as_it_is(planes):
     splats = rounded(random_splats(20))
-    same = whole(replace(splats, cut_index=np.arange(20), cut_normals=np.zeros((20, 3))))
+    cut = replace(splats, cut_index=np.arange(20), cut_normals=np.zeros((20, 3)))
+    if planes == 2:
+        cut = replace(cut, second_cut_index=cut.cut_index, second_cut_normals=cut.cut_normals)
+    same = whole(cut)
     np.testing.assert_allclose(covariances(same), covariances(splats), rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(same.means, splats.means, atol=1e-6)
     np.testing.assert_allclose(same.opacities, splats.opacities, rtol=1e-5)
@@ -62,19 +92,70 @@ def test_a_cut_along_an_axis_by_hand():
     np.testing.assert_allclose(found.opacities, 0.5 * a, rtol=1e-6)
 
 
-def test_the_others_keep_every_bit():
-    splats = with_cuts(with_slopes(random_splats(40)))
+def test_a_second_plane_alone_is_as_good_as_the_first():
+    first = with_cuts(with_slopes(random_splats(40)))
+    rows = {"second_cut_index": first.cut_index, "second_cut_normals": first.cut_normals}
+    found, expected = whole(replace(first.without_cuts(), **rows)), whole(first)
+    assert found.n_cuts == found.n_second_cuts == 0
+    for name, values in vars(expected).items():
+        np.testing.assert_array_equal(getattr(found, name), values, err_msg=name)
+
+
+LINE = np.linspace(-5, 5, 81)
+PLANE = np.stack(np.meshgrid(LINE, LINE, indexing="ij"), -1).reshape(-1, 2)
+
+
+def nearest_of_all(f: np.ndarray, start: np.ndarray) -> float:
+    """The least sum of squares that a Gaussian in the plane has to ``f``: centre, shape and height at once."""
+
+    def away(p: np.ndarray) -> np.ndarray:
+        d = PLANE - p[:2]
+        return p[5] * np.exp(-0.5 * ((p[2] * d[:, 0] + p[3] * d[:, 1]) ** 2 + (p[4] * d[:, 1]) ** 2)) - f
+
+    starts = start, (*PLANE[f.argmax()], 1.5, 0, 1.5, f.max())
+    return min((least_squares(away, each, method="lm").fun ** 2).sum() for each in starts)
+
+
+def test_two_planes_one_after_the_other_come_near_to_the_best_for_both_at_once():
+    """A search for all numbers of the Gaussian finds a nearer one, by 3 % in squares on average.
+
+    It is twice as near where the planes face each other and leave a slab; there both are much nearer than without cuts.
+    """
+    n, flat = 40, np.zeros((80, 1))
+    splats = rounded(make_splats(np.zeros((n, 3)), 1.0, 0.5))
+    normals = np.hstack([np.random.default_rng(0).normal(0, 6, (2 * n, 2)), flat]).reshape(n, 2, 3)
+    rows = {"cut_normals": normals[:, 0], "second_cut_normals": normals[:, 1]}
+    found = whole(replace(splats, cut_index=np.arange(n), second_cut_index=np.arange(n), **rows))
+    shapes, squares = np.linalg.inv(covariances(found))[:, :2, :2], []
+    for i in range(n):
+        plain = np.exp(-0.5 * (PLANE**2).sum(1))
+        f = plain * np.prod((1 + np.exp(-4)) / (1 + np.exp(-4 - PLANE @ normals[i, :, :2].T)), axis=1)
+        d, height = PLANE - found.means[i, :2], found.opacities[i] / 0.5
+        one_by_one = height * np.exp(-0.5 * np.einsum("pa,ab,pb->p", d, shapes[i], d))
+        upper = np.linalg.cholesky(shapes[i]).T
+        best = nearest_of_all(f, np.array([*found.means[i, :2], upper[0, 0], upper[0, 1], upper[1, 1], height]))
+        squares.append([((one_by_one - f) ** 2).sum(), best, ((plain - f) ** 2).sum()])
+    ours, best, without = np.array(squares).T
+    np.testing.assert_allclose(covariances(found)[:, 2], [[0, 0, 1]] * n, atol=1e-5)  # beside both planes
+    assert (ours > 0.999 * best).all() and np.median(ours / best) < 1.03 and (ours / best).max() < 2
+    assert (ours / without).max() < 0.12 and np.median(ours / without) < 0.1
+
+
+@by_planes
+def test_the_others_keep_every_bit(given):
+    splats = given(with_slopes(random_splats(40)))
     found, others = whole(splats).select(np.arange(1, 40, 2)), splats.without_cuts().select(np.arange(1, 40, 2))
     for name, values in vars(others).items():
         np.testing.assert_array_equal(getattr(found, name), values)
 
 
+@by_planes
 @pytest.mark.parametrize("linear", [np.diag([-1.3, 1.3, 1.3]), [[1.2, 0.5, 0], [0, 0.7, -0.3], [0.1, 0, 2.0]]])
-def test_a_map_may_come_before_or_after(linear):
+def test_a_map_may_come_before_or_after(linear, given):
     """Up to a rounding of all but equal axes, what is whole does not depend on the axes it is told in."""
     matrix = np.eye(4)
     matrix[:3, :3] = linear
-    splats = with_cuts(with_slopes(random_splats(40, dog_share=0, degree=0)))
+    splats = given(with_slopes(random_splats(40, dog_share=0, degree=0)))
     one, other = whole(transformed(splats, matrix)), transformed(whole(splats), matrix)
     np.testing.assert_allclose(one.means, other.means, atol=1e-5)
     np.testing.assert_allclose(covariances(one), covariances(other), atol=1e-5)
@@ -90,8 +171,9 @@ def color_at(splats: Splats, points: np.ndarray) -> np.ndarray:
     return 0.5 + C0 * splats.sh_coeffs[:, :1] + np.einsum("npa,nac->npc", w, splats.color_slopes.astype(np.float64))
 
 
-def test_each_place_keeps_its_colour():
-    splats = with_cuts(with_slopes(random_splats(30, degree=0), every=1), every=1)
+@by_planes
+def test_each_place_keeps_its_colour(given):
+    splats = given(with_slopes(random_splats(30, degree=0), every=1), every=1)
     points = splats.means[:, None] + 0.1 * np.random.default_rng(1).normal(size=(30, 5, 3))
     np.testing.assert_allclose(color_at(whole(splats), points), color_at(splats, points), atol=3e-4)
     assert np.abs(whole(splats).sh_coeffs - splats.sh_coeffs).max() > 0.1
@@ -111,9 +193,10 @@ def test_a_pseudo_gaussian_goes_along():
     np.testing.assert_array_equal(found.dog_logit_opacities, cut.dog_logit_opacities)
 
 
+@by_planes
 @pytest.mark.parametrize("dog_share", [0, 0.5])
-def test_pictures_are_much_nearer_than_without_the_cuts(dog_share):
-    splats, camera = with_cuts(random_splats(40, degree=0, dog_share=dog_share), every=1), make_camera(96, 72, 90.0)
+def test_pictures_are_much_nearer_than_without_the_cuts(dog_share, given):
+    splats, camera = given(random_splats(40, degree=0, dog_share=dog_share), every=1), make_camera(96, 72, 90.0)
     truth, found, left_out = (image_of(rasterized(s, camera), camera) for s in (splats, whole(splats),
                                                                                 splats.without_cuts()))  # fmt: skip
     assert ((found - truth) ** 2).mean() < 0.3 * ((left_out - truth) ** 2).mean()

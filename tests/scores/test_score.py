@@ -29,6 +29,8 @@ from splat_scenes import (
 CAMERAS = [tilted_camera(45, 37), make_camera(20, 33, f=25.0)]
 SPLATS = rounded(random_splats(40, seed=1, degree=1))
 CUT = rounded(random_splats(40, seed=1, degree=1, cut_share=0.5))
+CUT_TWICE = rounded(random_splats(40, seed=1, degree=1, cut_share=0.5, second_cut_share=0.5))
+CUT_SHARES = pytest.mark.parametrize("cuts", [{}, {"cut_share": 0.6}, {"cut_share": 0.6, "second_cut_share": 0.6}])
 EXACT = ScoreRule(gamma_f=2, probes=0, spatial_weight=0.3, spectral_weight=0.7)
 
 
@@ -77,16 +79,16 @@ def assert_close(got: np.ndarray, expected: np.ndarray, rtol=1e-3):
 
 @pytest.mark.parametrize("background", [0.0, 1.0])
 @pytest.mark.parametrize("others", [{}, {"antialiased": True}, {"negative_transmittance": False}])
-@pytest.mark.parametrize("splats", [SPLATS, CUT], ids=["whole", "cuts"])
+@pytest.mark.parametrize("splats", [SPLATS, CUT, CUT_TWICE], ids=["whole", "cuts", "two planes"])
 def test_the_spatio_spectral_score_is_the_weighted_sum_of_both_normalised_energies(splats, background, others):
     J = footprints(splats, background=background, **others)
     assert_close(score(EXACT, splats, background=background, **others), combined(spatial(J), gradient(J), EXACT))
 
 
 @pytest.mark.parametrize("background", [0.0, 1.0])
-@pytest.mark.parametrize("cut_share", [0, 0.6])
-def test_leave_one_out_combines_the_same_energies_of_real_removals(cut_share, background):
-    splats = rounded(random_splats(15, seed=7, degree=0, cut_share=cut_share))  # few: no walk ends early
+@CUT_SHARES
+def test_leave_one_out_combines_the_same_energies_of_real_removals(cuts, background):
+    splats = rounded(random_splats(15, seed=7, degree=0, **cuts))  # few: no walk ends early
     D = removals(splats, background)
     rule = dataclasses.replace(EXACT, kind="leave-one-out")
     assert_close(score(rule, splats, background), combined(spatial(D), gradient(D), rule))
@@ -95,9 +97,9 @@ def test_leave_one_out_combines_the_same_energies_of_real_removals(cut_share, ba
 
 
 @pytest.mark.parametrize("background", [0.0, 1.0])
-@pytest.mark.parametrize("cut_share", [0, 0.6])
-def test_leave_dog_out_is_the_energy_of_pictures_with_the_primary_alone(cut_share, background):
-    splats = rounded(random_splats(15, seed=7, degree=0, cut_share=cut_share))
+@CUT_SHARES
+def test_leave_dog_out_is_the_energy_of_pictures_with_the_primary_alone(cuts, background):
+    splats = rounded(random_splats(15, seed=7, degree=0, **cuts))
     views = []
     for camera in CAMERAS:
         image = reference.render(splats, camera, [background] * 3)[0]

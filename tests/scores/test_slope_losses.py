@@ -10,7 +10,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.slope_losses import curvature_losses, slope_losses
-from own_axes_models import CURVED, SLOPED, Kind
+from own_axes_models import CURVED, PLANE_KINDS, SLOPED, Kind
 from row_kinds import of_each
 from splat_scenes import image_of, make_splats, options, random_splats, rasterized, rounded
 
@@ -48,11 +48,12 @@ def test_of_one_primitive_it_is_the_energy_of_the_change(scales, axis, kind: Kin
     assert estimated(some, kind)[0] == pytest.approx(measured(some, kind, 0), rel=0.02)
 
 
-@pytest.mark.parametrize("cut_share", [0, 0.5])
+@pytest.mark.parametrize("cut_shares", [(0, 0), (0.5, 0), (0.5, 0.5)])
 @EACH
-def test_among_others_it_orders_primitives_as_their_changes_do(cut_share, kind: Kind):
-    shares: dict[str, Any] = {kind.share: 0.8}
-    splats = rounded(random_splats(24, 4, 1, 0.3, cut_share=cut_share, **shares))
+def test_among_others_it_orders_primitives_as_their_changes_do(cut_shares, kind: Kind):
+    of_planes = zip(PLANE_KINDS, cut_shares, strict=True)
+    shares: dict[str, Any] = {kind.share: 0.8} | {plane.share: share for plane, share in of_planes}
+    splats = rounded(random_splats(24, 4, 1, 0.3, **shares))
     found, index = estimated(splats, kind), kind.index(splats)
     assert not found[~np.isin(np.arange(24), index)].any()
     expected = np.array([measured(splats, kind, int(i)) for i in index])

@@ -29,11 +29,13 @@ def on_device(cameras=CAMERAS):
 
 
 @pytest.mark.parametrize(
-    ("dog_share", "cut_share"), [(0, 0), (0.5, 0), (0, 0.6), (0.5, 0.6)], ids=["plain", "DoG", "cuts", "DoG, cuts"]
+    ("dog_share", "cut_shares"),
+    [(0, (0, 0)), (0.5, (0, 0)), (0, (0.6, 0)), (0.5, (0.6, 0)), (0.5, (0.6, 0.6))],
+    ids=["plain", "DoG", "cuts", "DoG, cuts", "DoG, two planes"],
 )
 @pytest.mark.parametrize("antialiased", [False, True])
-def test_sums_largest_and_dominance_equal_brute_force(dog_share, cut_share, antialiased):
-    splats = rounded(random_splats(60, seed=4, degree=1, dog_share=dog_share, cut_share=cut_share))
+def test_sums_largest_and_dominance_equal_brute_force(dog_share, cut_shares, antialiased):
+    splats = rounded(random_splats(60, 4, 1, dog_share, 0, *cut_shares))
     planes = [np.random.default_rng(0).uniform(size=(camera.height, camera.width)) for camera in CAMERAS]
     got = weights(upload(splats), on_device(), options(splats, antialiased=antialiased), planes)
     views = [reference_score.weights(splats, camera, antialiased=antialiased) for camera in CAMERAS]

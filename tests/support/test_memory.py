@@ -18,7 +18,7 @@ from mi_dogsplat.cli import main
 from mi_dogsplat.datasets import load_dataset, view_images
 from mi_dogsplat.engine.bands import BandedView
 from mi_dogsplat.runs import run
-from mi_dogsplat.scene.row_groups import CUTS, DOG, SLOPES
+from mi_dogsplat.scene.row_groups import DOG, PLANES, SLOPES
 from mi_dogsplat.support import memory
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.memory import available_memory, bytes_of, peak_memory_mb
@@ -67,9 +67,12 @@ def enough_for(n: int, data: Path) -> str:
         (replace(RECIPES["3dgs"], slopes=SlopeRule()), 9, 0),
         (replace(RECIPES["3dgs"], cuts=CutRule()), 3, 0),
         (replace(RECIPES["3dgs"], slopes=SlopeRule(), cuts=CutRule()), 12, 0),
+        (replace(RECIPES["3dgs"], second_cuts=CutRule()), 3, 0),
+        (replace(RECIPES["3dgs"], cuts=CutRule(), second_cuts=CutRule()), 6, 0),
         (replace(RECIPES["3dgs"], dog=DogRule()), 4, 0),
         (replace(RECIPES["3dgs"], preconditioning=JOINTLY), 0, 14 * 15 / 2),
         (replace(RECIPES["3dgs"], dog=DogRule(), slopes=SlopeRule(), preconditioning=JOINTLY), 13, 18 * 19 / 2),
+        (replace(RECIPES["3dgs"], cuts=CutRule(), second_cuts=CutRule(), preconditioning=JOINTLY), 6, 20 * 21 / 2),
     ],
 )
 def test_rows_and_products_count_where_they_come_to_all_primitives_that_there_ever_are(data, recipe, rows, entries):
@@ -86,6 +89,7 @@ def test_rows_and_products_count_where_they_come_to_all_primitives_that_there_ev
         ("ours_preconditioned", 600, 1000, 0.6),
         ("ours_preconditioned", 600, None, 0),
         ("ours_preconditioned", "2kB", None, 0),
+        ("ours_second_cuts", 0.6, None, 0.6),
         ("ours", 0.95, None, 0.95),
     ],
 )
@@ -93,19 +97,23 @@ def test_what_comes_after_the_pruning_counts_where_it_takes_more_than_what_has_g
     config = config_of(data, memory="1G", preset=preset, target=target, max_primitives=cap)
     known = Trainer(config, load_dataset(data)).memory
     before = PER_FLOAT * (14 + 12) + PER_PRIMITIVE
-    later = PER_FLOAT * 16 + PER_PRODUCT * 21 * 22 / 2 if preset != "ours" else PER_FLOAT * 4
+    later = {
+        "ours": PER_FLOAT * 4,
+        "ours_preconditioned": PER_FLOAT * 16 + PER_PRODUCT * 21 * 22 / 2,
+        "ours_second_cuts": PER_FLOAT * 19 + PER_PRODUCT * 24 * 25 / 2,
+    }[preset]
     assert known and known.each(0) == pytest.approx(max(before, left * (before + later)))
     assert (known.each(0) > before) == (left > 0.5)
 
 
 def test_entries_of_products_are_as_many_as_foreseen():
     optimizer = SplatOptimizer(
-        random_model(3, 1, (0,), rows={"slope_index": (0,), "cut_index": (1,)}),
+        random_model(3, 1, (0,), rows={"slope_index": (0,), "cut_index": (1,), "second_cut_index": (2,)}),
         replace(RATES, preconditioning=JOINTLY),
     )
     alike(optimizer, 0)
     (products,) = [values for name, values in optimizer.state().items() if name.startswith("products")]
-    assert len(products) == n_products((DOG, SLOPES, CUTS)) == n_products((DOG, CUTS))
+    assert len(products) == n_products((DOG, SLOPES, *PLANES)) == n_products((DOG, *PLANES))
 
 
 @pytest.mark.parametrize(("model", "rows"), [("sloped_truth", 9), ("dog_model", 4)])

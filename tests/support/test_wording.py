@@ -44,3 +44,10 @@ def test_what_is_no_finite_number_is_a_dash(value):
 
 def test_numpy_numbers_count_as_numbers():
     assert wording.fixed(np.float32(1.5), 1) == "1.5" and wording.count(np.int64(1200)) == "1,200"
+
+
+@pytest.mark.parametrize(
+    ("names", "words"), [([], ""), (["a"], "a"), (["a", "b"], "a and b"), (["a", "b", "c"], "a, b and c")]
+)
+def test_names_are_listed_as_people_do(names, words):
+    assert wording.in_words(names) == words

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.scene.row_groups import CUTS, DOG, SLOPES
+from mi_dogsplat.scene.row_groups import CUTS, DOG, PLANES, SLOPES
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.footprint import MARGIN, PER_FLOAT, PER_PRIMITIVE, PER_PRODUCT
 from mi_dogsplat.training.strategy.row_activation import give_rows
@@ -14,9 +14,15 @@ PLAIN = 14 + 12  # floats of a primitive at SH degree 1
 
 
 @pytest.mark.parametrize("target", [0.05, 0.5, 0.99])
-def test_pairs_get_what_the_primitives_there_are_leave_whatever_the_target(data, target):
+@pytest.mark.parametrize(
+    ("preset", "groups", "floats", "joint"),
+    [("ours_preconditioned", (DOG, SLOPES, CUTS), 16, 21), ("ours_second_cuts", (DOG, SLOPES, *PLANES), 19, 24)],
+)
+def test_pairs_get_what_the_primitives_there_are_leave_whatever_the_target(
+    data, target, preset, groups, floats, joint
+):
     """By hand, at the four stages of a run: at its start, pruned, with all rows, with the products of joint steps."""
-    config = TrainConfig(str(data), preset="ours_preconditioned", steps=40, target=target, sh_degree=1, memory="1G")
+    config = TrainConfig(str(data), preset=preset, steps=40, target=target, sh_degree=1, memory="1G")
     trainer = Trainer(config, load_dataset(data))
     memory, optimizer = trainer.memory, trainer.optimizer
     assert memory
@@ -28,11 +34,11 @@ def test_pairs_get_what_the_primitives_there_are_leave_whatever_the_target(data,
     require(PLAIN)
     optimizer.keep(np.arange(round(target * tiny_data.N_TRUTH)))
     require(PLAIN)
-    for group in (DOG, SLOPES, CUTS):
+    for group in groups:
         give_rows(optimizer, group)
-    require(PLAIN + 4 + 9 + 3)
+    require(PLAIN + floats)
     trainer.step_count = 39  # beyond the start of preconditioned steps
     trainer.step()
-    require(PLAIN + 4 + 9 + 3, 21 * 22 // 2)
+    require(PLAIN + floats, joint * (joint + 1) // 2)
     optimizer.keep(np.arange(2))
-    require(PLAIN + 4 + 9 + 3, 21 * 22 // 2)
+    require(PLAIN + floats, joint * (joint + 1) // 2)

@@ -8,17 +8,18 @@ import pytest
 from mi_dogsplat.scores.score import ScoreRule
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.presets import RECIPES, Recipe
+from mi_dogsplat.training.presets import GIVEN, RECIPES, Recipe
 from mi_dogsplat.training.strategy.cut_activation import CutRule
 from mi_dogsplat.training.strategy.densify import Densification
 from mi_dogsplat.training.strategy.scheduler import PruningRule
+from mi_dogsplat.training.strategy.sieve import Sieve
 from mi_dogsplat.training.strategy.slope_activation import SlopeRule
 
 PRUNING = [name for name, recipe in RECIPES.items() if recipe.pruning]
 
 
 def test_the_presets_are_those_of_the_interface_and_of_its_extensions_and_the_default_is_ours():
-    extensions = ["ours_slopes", "ours_cuts", "ours_preconditioned"]
+    extensions = ["ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts"]
     assert list(RECIPES) == ["ours", *extensions, "paper", "released", "3dgs"]
     assert TrainConfig("data").preset == "ours"
 
@@ -30,13 +31,13 @@ def test_the_baseline_neither_prunes_nor_knows_dog():
 def test_slopes_come_with_dog_and_are_all_that_is_added_to_ours():
     ours, sloped = RECIPES["ours"], RECIPES["ours_slopes"]
     assert ours.dog and sloped == dataclasses.replace(ours, slopes=SlopeRule(start=ours.dog.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == list(RECIPES)[1:4]
+    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == list(RECIPES)[1:5]
 
 
 def test_cuts_come_with_slopes_and_are_all_that_is_added_to_them():
     sloped, cut = RECIPES["ours_slopes"], RECIPES["ours_cuts"]
     assert sloped.slopes and cut == dataclasses.replace(sloped, cuts=CutRule(start=sloped.slopes.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == ["ours_cuts", "ours_preconditioned"]
+    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == list(RECIPES)[2:5]
     for recipe in (cut.scaled(7000), cut.from_pruning(), cut.from_pruning().scaled(350)):
         assert recipe.slopes and recipe.cuts and recipe.dog
         assert recipe.slopes.start == recipe.cuts.start == recipe.dog.start
@@ -46,17 +47,33 @@ def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_
     cut, preconditioned = RECIPES["ours_cuts"], RECIPES["ours_preconditioned"]
     rule = preconditioned.preconditioning
     assert rule and dataclasses.replace(cut, preconditioning=rule) == preconditioned
-    assert [name for name, recipe in RECIPES.items() if recipe.preconditioning] == ["ours_preconditioned"]
+    assert [name for name, recipe in RECIPES.items() if recipe.preconditioning] == list(RECIPES)[3:5]
     for recipe in (preconditioned, preconditioned.scaled(7000), preconditioned.from_pruning()):
         assert recipe.preconditioning and recipe.dog
         after = recipe.preconditioning.start - (recipe.first_step + recipe.dog.start)
         assert 0 < after <= recipe.reference_steps / 30
 
 
+def test_second_cuts_come_with_cuts_and_are_all_that_is_added_to_preconditioned_steps():
+    preconditioned, twice = RECIPES["ours_preconditioned"], RECIPES["ours_second_cuts"]
+    assert preconditioned.cuts and twice == dataclasses.replace(preconditioned, second_cuts=preconditioned.cuts)
+    assert [name for name, recipe in RECIPES.items() if recipe.second_cuts] == ["ours_second_cuts"]
+    for recipe in (twice.scaled(7000), twice.from_pruning(), twice.from_pruning().scaled(350)):
+        assert recipe.cuts and recipe.second_cuts == recipe.cuts
+
+
+def test_rows_are_given_in_their_order_and_each_kind_is_looked_at_in_the_end():
+    assert list(GIVEN) == ["slopes", "cuts", "second_cuts"]
+    names = [part.name for part in RECIPES["ours_second_cuts"].strategies(Sieve())]
+    assert names[-3:] == ["slopeactivation", "cutactivation", "secondcutactivation"]
+    controls = [name for name in names if name.endswith("control")]
+    assert controls == ["dogcontrol", "slopecontrol", "cutcontrol", "secondcutcontrol"]
+
+
 @pytest.mark.parametrize("name", RECIPES)
 def test_any_recipe_can_have_preconditioned_steps_once_it_has_pruned_and_given_rows(name):
     recipe = RECIPES[name].preconditioned()
-    rule, begins = recipe.preconditioning, [r.start for r in (recipe.dog, recipe.slopes, recipe.cuts) if r]
+    rule, begins = recipe.preconditioning, [r.start for r in (recipe.dog, *recipe.row_rules.values()) if r]
     assert rule and rule.start >= 500 + max([18_000, *begins, recipe.pruning.stop if recipe.pruning else 0])
     assert recipe.preconditioned() == recipe
     assert dataclasses.replace(recipe, preconditioning=RECIPES[name].preconditioning) == RECIPES[name]
@@ -64,8 +81,10 @@ def test_any_recipe_can_have_preconditioned_steps_once_it_has_pruned_and_given_r
 
 def test_what_ply_alone_holds_is_named():
     given = {name: recipe.given for name, recipe in RECIPES.items() if recipe.given}
-    both = "slopes and cuts"
-    assert given == {"ours_slopes": "slopes", "ours_cuts": both, "ours_preconditioned": both}
+    both, twice = "slopes and cuts", "slopes, cuts and second cuts"
+    assert given == {
+        "ours_slopes": "slopes", "ours_cuts": both, "ours_preconditioned": both, "ours_second_cuts": twice
+    }  # fmt: skip
 
 
 def test_the_papers_recipe_is_that_of_its_text():

@@ -23,7 +23,8 @@ def test_methods_of_a_comparison_have_them_too(name):
     assert not recipe_of_run(TrainConfig("data"), METHODS[name].recipe).preconditioning
 
 
-def test_a_preset_that_has_them_keeps_its_own():
-    recipe = RECIPES["ours_preconditioned"]
+@pytest.mark.parametrize("name", ["ours_preconditioned", "ours_second_cuts"])
+def test_a_preset_that_has_them_keeps_its_own(name):
+    recipe = RECIPES[name]
     ours = [recipe_of_run(TrainConfig("data", preconditioned=p), recipe).preconditioning for p in (False, True)]
     assert ours[0] == ours[1] == recipe.preconditioning

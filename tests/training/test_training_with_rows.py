@@ -15,9 +15,10 @@ from happenings import history_of, records, rows_with
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs.history import run_to_end
-from mi_dogsplat.scene.row_groups import CUTS, SLOPES
+from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.wording import in_words
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.initialize import model_to_prune
 from mi_dogsplat.training.presets import RECIPES
@@ -50,6 +51,10 @@ class Kind(RowKind):
     def activated(self) -> str:
         return f"{self.word}_activated"
 
+    @property
+    def said(self) -> str:
+        return self.word.replace("_", " ")
+
     def config(self, data: Path, **changes) -> TrainConfig:
         settings: dict[str, Any] = {**BASE, "preset": self.preset, **changes}
         return TrainConfig(str(data), **settings)
@@ -61,6 +66,10 @@ SLOPED = Kind(
 CUT = Kind(
     "cuts", CUTS, ("slopes", "cuts"), "ours_slopes", "slopes_activated", tiny_data.cut_truth, 1, 0.1, "have one"
 )
+SECOND_CUT = Kind(
+    "second_cuts", SECOND_CUTS, ("slopes", "cuts", "second_cuts"), "ours_preconditioned", "cuts_activated",
+    tiny_data.twice_cut_truth, 1, 0.1, "have one",
+)  # fmt: skip
 
 
 def after(steps: int, trainer: Trainer) -> Trainer:
@@ -69,7 +78,7 @@ def after(steps: int, trainer: Trainer) -> Trainer:
     return trainer
 
 
-@pytest.fixture(scope="module", params=[SLOPED, CUT], ids=lambda kind: kind.word)
+@pytest.fixture(scope="module", params=[SLOPED, CUT, SECOND_CUT], ids=lambda kind: kind.word)
 def kind(request) -> Kind:
     return request.param
 
@@ -85,7 +94,7 @@ def test_a_run_tells_when_they_come_and_how_many_are_left(kind, pictures, tmp_pa
     rows, splats = history_of(tmp_path / "run"), read_ply(tmp_path / "run" / "point_cloud.ply")
     (come,), (row,) = records(rows, kind.activated), rows_with(rows, kind.activated)
     assert come["count"] == 20 and row["step"] == 72 and records([row], kind.comes_with)  # 18,000 of 30,000 steps
-    assert f"{kind.word} activated for 20 primitives" in row["event"]
+    assert f"{kind.said} activated for 20 primitives" in row["event"]
     for word in kind.given:
         assert all(row[f"n_{word}"] == 20 * (row["step"] >= 72) for row in rows[:-1])
         assert metrics[f"n_{word}"] == getattr(splats, f"n_{word}")
@@ -129,8 +138,8 @@ def test_the_end_leaves_out_what_no_pixel_shows_and_says_so(kind, pictures):
     (event,) = [event for event in trainer.end() if event.kind == f"{kind.word}_left_out"]
     gone, left = 20 - kind.n(optimizer), kind.n(optimizer)
     assert event.record == {"kind": event.kind, "count": gone, "left": left} and gone >= 2 and left > 5
-    assert event.text == f"{kind.word} of {gone} primitives left out, {left} {kind.left}"
-    assert not np.isin([2, 11], kind.index(optimizer)).any()
+    assert event.text == f"{kind.said} of {gone} primitives left out, {left} {kind.left}"
+    assert not np.isin([2, 11], optimizer.index_of(kind.group)).any()
     assert trainer.end() == []
 
 
@@ -148,7 +157,9 @@ def test_slopes_are_left_out_by_their_largest_number_and_nothing_else_is(kind, p
 
 
 @pytest.mark.parametrize(
-    ("kind", "preset"), [(SLOPED, "ours"), (CUT, "ours"), (CUT, "ours_slopes")], indirect=["kind"]
+    ("kind", "preset"),
+    [(SLOPED, "ours"), (CUT, "ours"), (CUT, "ours_slopes"), (SECOND_CUT, "ours_preconditioned")],
+    indirect=["kind"],
 )
 def test_a_recipe_without_them_says_nothing_of_them(kind, preset, pictures, tmp_path):
     metrics = mi_dogsplat.runs.run.train(kind.config(pictures, preset=preset, steps=12), tmp_path)
@@ -178,7 +189,7 @@ def test_a_model_that_has_some_keeps_them_and_they_learn(kind, gives, pictures, 
 def test_the_shortest_runs_complete_every_phase(kind, steps, data):
     trainer = Trainer(kind.config(data, steps=steps), load_dataset(data))
     rows = list(run_to_end(trainer))
-    assert trainer.optimizer.n == 20 and trainer.states[f"{kind.word[:-1]}activation"].done
+    assert trainer.optimizer.n == 20 and trainer.states[f"{kind.word[:-1].replace('_', '')}activation"].done
     assert [record["count"] for record in records(rows, kind.activated)] == [20]
 
 
@@ -201,7 +212,7 @@ def test_cuts_need_no_slopes_and_those_that_come_while_it_densifies_stay_with_th
 
 @pytest.mark.parametrize("name", ["spz", "sog"])
 def test_a_format_without_them_is_refused_in_one_line(kind, name, data, capsys, tmp_path):
-    flags, given = ["--preset", kind.preset, "--format", name], " and ".join(kind.given)
+    flags, given = ["--preset", kind.preset, "--format", name], in_words([w.replace("_", " ") for w in kind.given])
     result = dogsplat(capsys, "train", data, "-o", tmp_path / "run", *flags)
     problem = f'"{kind.preset}" gives {given} to primitives, and {name} does not hold them'
     assert_one_line(result, "--preset", problem, "use ours, or --format ply")

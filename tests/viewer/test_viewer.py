@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 import tiny_data
-from cut_models import with_cuts
+from cut_models import with_cuts, with_second_cuts
 from mi_dogsplat import write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
@@ -104,8 +104,13 @@ def test_each_choice_draws_its_part_of_the_model():
 
 @pytest.mark.parametrize(
     ("changed", "bare", "choices"),
-    [(with_slopes, Splats.without_slopes, SLOPES), (with_cuts, Splats.without_cuts, CUTS)],
-    ids=["slopes", "cuts"],
+    [
+        (with_slopes, Splats.without_slopes, SLOPES),
+        (with_cuts, Splats.without_cuts, CUTS),
+        (with_second_cuts, Splats.without_cuts, CUTS),
+        (lambda splats, every: with_second_cuts(with_cuts(splats, every)), Splats.without_cuts, CUTS),
+    ],
+    ids=["slopes", "cuts", "second_cuts", "both cuts"],
 )
 def test_slopes_and_cuts_can_be_switched_off_and_their_difference_shown(changed, bare, choices):
     model, camera = changed(tiny_data.dog_model(), every=3), tiny_data.cameras()[0]

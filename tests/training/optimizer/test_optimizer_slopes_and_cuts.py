@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mi_dogsplat.engine.parameters import ROWS, upload
 from mi_dogsplat.engine.project import NO_ROW
-from mi_dogsplat.scene.row_groups import CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.training.images.tone_curve import SrgbLog
 from mi_dogsplat.training.optimizer.adam import Entry
@@ -18,7 +18,7 @@ from mi_dogsplat.training.strategy.broken import MAX_COLOR, MAX_NORMAL, broken
 from mi_dogsplat.viewer.source import splats_of_state
 from small_optimizer import RATES, assert_same, assert_same_state, moments, random_model, run, state_from_file
 
-BOTH = pytest.mark.parametrize("group", [SLOPES, CUTS], ids=["slopes", "cuts"])
+EACH_KIND = pytest.mark.parametrize("group", [SLOPES, CUTS, SECOND_CUTS], ids=["slopes", "cuts", "second_cuts"])
 
 
 def name_of(group: RowGroup) -> str:
@@ -38,7 +38,7 @@ def optimizer_of(group: RowGroup, index=(1, 4, 6), n: int = 8, degree: int = 1) 
     return SplatOptimizer(random_model(n, degree, (0, 4), rows={group.index: index}), RATES)
 
 
-@BOTH
+@EACH_KIND
 @pytest.mark.parametrize("degree", [0, 2])
 @pytest.mark.parametrize("dog_index", [(), (1, 4)])
 @pytest.mark.parametrize("index", [(3,), (1, 4), range(6)])
@@ -46,24 +46,29 @@ def test_a_model_with_rows_goes_in_and_comes_out_unchanged(group, degree, dog_in
     model = random_model(6, degree, dog_index, rows={group.index: index})
     optimizer = SplatOptimizer(model, RATES)
     assert_same(optimizer.to_splats(), model)
-    assert (optimizer.n_slopes, optimizer.n_cuts) == (model.n_slopes, model.n_cuts)
-    assert getattr(optimizer, group.index).tolist() == list(index)
+    for name in ("n_slopes", "n_cuts", "n_second_cuts"):
+        assert getattr(optimizer, name) == getattr(model, name)
+    assert optimizer.index_of(group).tolist() == list(index)
 
 
 def test_slopes_and_cuts_of_one_model_do_not_mix():
-    model = random_model(6, 1, (1, 4), rows={"slope_index": (0, 3), "cut_index": (3, 4, 5)})
+    rows = {"slope_index": (0, 3), "cut_index": (3, 4, 5), "second_cut_index": (2, 3)}
+    model = random_model(6, 1, (1, 4), rows=rows)
     optimizer = SplatOptimizer(model, RATES)
     run(optimizer, 1)
     optimizer.keep(np.array([5, 3, 2]))
     after = optimizer.to_splats()
     assert (after.slope_index.tolist(), after.cut_index.tolist()) == ([1], [0, 1])
+    assert after.second_cut_index.tolist() == [1, 2]
     optimizer.set_slopes(np.array([], int), np.zeros((0, 3, 3)))
     assert_same(optimizer.to_splats(), after.without_slopes())
+    optimizer.set_rows(SECOND_CUTS, np.array([], int), {})
+    assert_same(optimizer.to_splats(), after.without_slopes().without_second_cuts())
     optimizer.set_cuts(np.array([], int), np.zeros((0, 3)))
     assert_same(optimizer.to_splats(), after.without_slopes().without_cuts())
 
 
-@BOTH
+@EACH_KIND
 def test_renders_get_the_arrays_of_an_upload_and_none_without_rows(group):
     model = random_model(6, 0, (2,), rows={group.index: (0, 3)})
     params, expected = SplatOptimizer(model, RATES).params, upload(model)
@@ -72,7 +77,7 @@ def test_renders_get_the_arrays_of_an_upload_and_none_without_rows(group):
     assert not params_of(group) & set(SplatOptimizer(random_model(6, 0, (2,)), RATES).params)
 
 
-@BOTH
+@EACH_KIND
 def test_rows_follow_their_primitives_and_fresh_copies_have_none(group):
     optimizer, name = optimizer_of(group), name_of(group)
     run(optimizer, 2)
@@ -91,7 +96,7 @@ def test_rows_follow_their_primitives_and_fresh_copies_have_none(group):
     run(optimizer, 1)
 
 
-@BOTH
+@EACH_KIND
 def test_dropping_dog_rows_leaves_the_others_alone(group):
     optimizer = optimizer_of(group)
     before = optimizer.to_splats()
@@ -99,11 +104,14 @@ def test_dropping_dog_rows_leaves_the_others_alone(group):
     assert_same(optimizer.to_splats(), before.plain())
 
 
-@BOTH
+@EACH_KIND
 def test_choosing_primitives_keeps_the_moments_of_those_that_stay(group):
     optimizer, name = optimizer_of(group, ()), name_of(group)
     zeros = rows_of(group, np.zeros((3, optimizer_of(group).row_size[name])))
-    give = {SLOPES.index: optimizer.set_slopes, CUTS.index: optimizer.set_cuts}[group.index]
+
+    def give(index: np.ndarray, values: np.ndarray) -> None:
+        optimizer.set_rows(group, index, {name: values})
+
     give(np.array([0, 2, 5]), zeros)
     run(optimizer, 2)
     kept, (m, v) = optimizer.numpy(name), moments(optimizer, name)
@@ -117,19 +125,19 @@ def test_choosing_primitives_keeps_the_moments_of_those_that_stay(group):
     assert not len(optimizer.index_of(group)) and not params_of(group) & set(optimizer.params)
 
 
-@BOTH
+@EACH_KIND
 @pytest.mark.parametrize("step", [0, 600, 800, 1000])
 def test_steps_have_all_factors_of_those_of_the_constant_colour(group, step):
     refinement = Refinement(600, gain=4.0, end_gain=0.1, means_gain=16.0, sh_gain=4.0)
     rates = replace(RATES, refinement=refinement, views=300)
-    times, name = {SLOPES.index: 1, CUTS.index: 25}[group.index], name_of(group)
+    times, name = 1 if group is SLOPES else 25, name_of(group)
     assert rates.at(step, 5)[name] == pytest.approx(times * rates.at(step, 5)["sh_dc"])
     optimizer = SplatOptimizer(random_model(4, 0, rows={group.index: (1,)}), rates)
     optimizer.schedule(step)
     assert float(Entry.of(optimizer.adam, name).rate) == pytest.approx(rates.at(step)[name])
 
 
-@BOTH
+@EACH_KIND
 def test_training_goes_on_from_a_state_with_the_same_bits(group, tmp_path):
     straight = optimizer_of(group)
     run(straight, 3)
@@ -144,7 +152,7 @@ def test_training_goes_on_from_a_state_with_the_same_bits(group, tmp_path):
     assert resumed.learned == set()
 
 
-@BOTH
+@EACH_KIND
 def test_a_state_without_rows_says_nothing_of_them_and_takes_those_that_there_were(group):
     plain, optimizer = optimizer_of(group, ()), optimizer_of(group)
     state = plain.state()
@@ -155,7 +163,7 @@ def test_a_state_without_rows_says_nothing_of_them_and_takes_those_that_there_we
     run(optimizer, 1)
 
 
-@BOTH
+@EACH_KIND
 @pytest.mark.parametrize("change", ["index", "rows"])
 def test_a_state_whose_rows_are_not_those_of_its_index_is_refused(group, change):
     state, name = optimizer_of(group).state(), name_of(group)
@@ -167,11 +175,11 @@ def test_a_state_whose_rows_are_not_those_of_its_index_is_refused(group, change)
         optimizer_of(group).restore(state)
 
 
-@BOTH
+@EACH_KIND
 @pytest.mark.parametrize("value", [np.nan, -np.inf, 1.001, -1.001])
 def test_a_primitive_whose_rows_no_step_repairs_is_broken_and_no_other(group, value):
     optimizer, name = optimizer_of(group), name_of(group)
-    limit = {SLOPES.index: MAX_COLOR, CUTS.index: MAX_NORMAL}[group.index]
+    limit = MAX_COLOR if group is SLOPES else MAX_NORMAL
     for bound in (value, 0.999):
         rows = optimizer.numpy(name)
         rows[1, -1] = bound * limit
@@ -197,5 +205,6 @@ def test_slopes_of_linear_colours_change_in_proportion_to_what_the_curve_shows_o
     np.testing.assert_allclose(change_of_equal_gradients(SLOPES), expected, rtol=1e-3)
 
 
-def test_cuts_of_linear_colours_change_as_those_of_others():
-    np.testing.assert_allclose(change_of_equal_gradients(CUTS), np.full((2, 3), 0.0625), rtol=1e-3)
+@pytest.mark.parametrize("plane", [CUTS, SECOND_CUTS], ids=["first", "second"])
+def test_cuts_of_linear_colours_change_as_those_of_others(plane):
+    np.testing.assert_allclose(change_of_equal_gradients(plane), np.full((2, 3), 0.0625), rtol=1e-3)

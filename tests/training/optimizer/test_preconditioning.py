@@ -7,6 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat.scene.row_groups import PLANES, SECOND_CUTS
 from mi_dogsplat.training.images.tone_curve import SrgbLog
 from mi_dogsplat.training.optimizer.preconditioning import JOINT, PRIOR, Preconditioning
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
@@ -24,7 +25,7 @@ from small_optimizer import (
 
 RULE = Preconditioning(start=0, gain=1.7, damping=0.2, memory=0.9)
 JOINTLY = replace(RATES, preconditioning=RULE)
-ROWS = {"slope_index": (1, 2), "cut_index": (0, 2, 5)}
+ROWS = {"slope_index": (1, 2), "cut_index": (0, 2, 5), "second_cut_index": (2, 3, 5)}
 
 
 def correlated(optimizer: SplatOptimizer, rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -51,7 +52,7 @@ class Twin:
     def __init__(self, optimizer: SplatOptimizer, rule: Preconditioning):
         self.rule = rule
         self.sizes = dict(optimizer.row_size)
-        groups = {"dog_": optimizer.dog_index, "cut_": optimizer.cut_index}
+        groups = {"dog_": optimizer.dog_index, "cut_": optimizer.cut_index, "seco": optimizer.index_of(SECOND_CUTS)}
         everybody = np.arange(optimizer.n)
         self.who = {name: groups.get(name[:4], everybody) for name in JOINT if name in optimizer.adam}
         self.value: dict[str, Any] = {
@@ -189,7 +190,7 @@ def test_what_is_known_of_a_primitive_moves_along_with_it():
     order = np.array([5, 0, 3])
     part.keep(order)
     gradients = correlated(whole, np.random.default_rng(2))
-    of_part = {"dog_": [0, 1], "cut_": [2, 0], "colo": []}  # rows of 0 and 3, of 5 and 0, of none
+    of_part = {"dog_": [0, 1], "cut_": [2, 0], "seco": [2, 1], "colo": []}  # of 0 and 3, 5 and 0, 5 and 3, of none
     for name, value in part.adam.items():
         rows = gradients[name].reshape(-1, whole.row_size[name])
         dr.set_grad(value, mi.Float(rows[of_part.get(name[:4], order)].ravel()))
@@ -197,7 +198,8 @@ def test_what_is_known_of_a_primitive_moves_along_with_it():
         optimizer.step()
     for name in ("means", "quats", "sh_dc"):
         np.testing.assert_array_equal(part.numpy(name), whole.numpy(name)[order], err_msg=name)
-    np.testing.assert_array_equal(part.numpy("cut_normals"), whole.numpy("cut_normals")[[2, 0]])
+    for name, rows in (("cut_normals", [2, 0]), ("second_cut_normals", [2, 1])):
+        np.testing.assert_array_equal(part.numpy(name).reshape(2, 3), whole.numpy(name).reshape(3, 3)[rows])
 
 
 def test_a_new_primitive_begins_as_all_have_begun():
@@ -236,11 +238,13 @@ def test_a_row_that_is_lost_turns_no_step_from_then_on():
     np.testing.assert_array_equal(own, np.float32(PRIOR))  # another row would begin as all do
 
 
-def test_rows_that_come_later_step_from_then_on_and_take_nothing_from_the_others():
+@pytest.mark.parametrize("plane", PLANES, ids=["first", "second"])
+def test_rows_that_come_later_step_from_then_on_and_take_nothing_from_the_others(plane):
+    (normals,) = plane.names
     plain, later = (SplatOptimizer(random_model(4, 0), JOINTLY) for _ in range(2))
     for optimizer in (plain, later):
         run(optimizer, 3)
-    later.set_cuts(np.array([1, 2]), np.zeros((2, 3)))
+    later.set_rows(plane, np.array([1, 2]), {normals: np.zeros((2, 3))})
     for step in range(3):
         gradients = set_gradients(plain, np.random.default_rng(step))
         for name, value in later.adam.items():
@@ -248,10 +252,10 @@ def test_rows_that_come_later_step_from_then_on_and_take_nothing_from_the_others
         for optimizer in (plain, later):
             optimizer.schedule(3 + step)
             optimizer.step()
-    assert np.abs(later.numpy("cut_normals")).min() > 0
+    assert np.abs(later.numpy(normals)).min() > 0
     np.testing.assert_allclose(later.numpy("means")[[0, 3]], plain.numpy("means")[[0, 3]], rtol=0, atol=1e-6)
     assert np.abs(later.numpy("means") - plain.numpy("means"))[[1, 2]].max() > 1e-5
-    later.set_cuts(np.zeros(0, int), np.zeros((0, 3)))
+    later.set_rows(plane, np.zeros(0, int), {})
     run(later, 1)
     assert np.isfinite(later.numpy("means")).all()
 
@@ -265,7 +269,7 @@ def test_training_goes_on_from_a_checkpoint_with_the_same_bits(tmp_path):
     for optimizer in (straight, resumed):
         run(optimizer, 3, seed=2)
     assert_same_state(resumed, straight)
-    assert any("means" in name and "cut_normals" in name for name in straight.state())
+    assert any("means" in name and "second_cut_normals" in name for name in straight.state())
 
 
 def test_a_checkpoint_of_before_the_rule_begins_with_no_products():

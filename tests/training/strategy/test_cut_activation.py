@@ -49,8 +49,8 @@ def one(normal, opacity: float = 0.9, plane: Kind = CUT, **dog) -> Splats:
     return rounded(plane.given(whole, normal))
 
 
-def is_shown(splats: Splats, plane: Kind = CUT, rule: CutRule = CutRule()) -> bool:
-    return shown_cuts(rule, optimizer_of(splats), plane.group)[0]
+def is_shown(splats: Splats, plane: Kind = CUT, rule: CutRule | None = None) -> bool:
+    return shown_cuts(rule or CutRule(), optimizer_of(splats), plane.group)[0]
 
 
 def change_of_picture(splats: Splats) -> float:
@@ -89,7 +89,8 @@ def test_of_a_dog_primitive_the_wider_kernel_counts(f_a, F):
 def test_beside_another_plane_a_change_may_be_a_little_larger():
     """Far out on the side that the other one keeps, where it makes the primitive 1 + e⁻⁴ times as opaque."""
     change = 0.9 * largest_change(np.array([1.0]))[0]
-    rule, both = CutRule(least=1.01 * change), replace(one([1, 0, 0]), second_cut_index=[0], second_cut_normals=[[0, 9, 0]])
+    rule = CutRule(least=1.01 * change)
+    both = replace(one([1, 0, 0]), second_cut_index=[0], second_cut_normals=[[0, 9, 0]])
     assert not is_shown(one([1, 0, 0]), CUT, rule) and is_shown(both, CUT, rule)
 
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from mi_dogsplat.training.strategy.cut_activation import CutActivation, CutRule
+from mi_dogsplat.training.strategy.cut_activation import CutActivation, CutRule, SecondCutActivation
 from mi_dogsplat.training.strategy.dog_control import DogActivation, DogRule
 from mi_dogsplat.training.strategy.once import Once
 from mi_dogsplat.training.strategy.slope_activation import SlopeActivation, SlopeRule
@@ -42,9 +42,10 @@ def test_what_has_happened_before_a_checkpoint_does_not_happen_again():
 
 
 def test_states_have_the_names_that_checkpoints_of_earlier_versions_have():
-    strategies = DogActivation(DogRule(start=7)), SlopeActivation(SlopeRule(start=7)), CutActivation(CutRule(start=7))
+    cuts = CutActivation(CutRule(start=7)), SecondCutActivation(CutRule(start=7))
+    strategies = DogActivation(DogRule(start=7)), SlopeActivation(SlopeRule(start=7)), *cuts
     for strategy in strategies:
         assert strategy.start == 7
         assert list(arrays_of(strategy.new_state(SimpleNamespace()))) == ["done"]  # type: ignore[arg-type]
     names = [strategy.name for strategy in strategies]
-    assert names == ["dogactivation", "slopeactivation", "cutactivation"]
+    assert names == ["dogactivation", "slopeactivation", "cutactivation", "secondcutactivation"]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mi_dogsplat.formats.sizes import Prices
+from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import Bands
 from mi_dogsplat.training.strategy.compaction import as_chosen
@@ -12,18 +13,18 @@ from mi_dogsplat.training.strategy.options import Options, Rows
 from splat_scenes import random_splats, rounded
 
 
-def options_of(removal, by_degree, without_dog, splats: Splats, without_slopes=None, without_cuts=None) -> Options:
+def options_of(removal, by_degree, without_dog, splats: Splats, slopes=None, cuts=None, second_cuts=None) -> Options:
+    """``slopes`` and the others: what is lost without."""
     whole = splats.uniform_sh()
     nothing = [np.zeros(splats.n_splats)] * (whole.sh_coeffs.shape[1] * (whole.sh_coeffs.shape[1] + 1) // 2)
     bands = Bands(whole.sh_coeffs, nothing)
-    losses = {"dog_index": without_dog, "slope_index": without_slopes, "cut_index": without_cuts}
+    losses = {"dog_index": without_dog, "slope_index": slopes, "cut_index": cuts, "second_cut_index": second_cuts}
 
     def rows(index: str) -> Rows:
         has, loss = np.isin(np.arange(splats.n_splats), getattr(splats, index)), losses[index]
         return Rows(has, np.zeros(splats.n_splats) if loss is None else np.array(loss))
 
-    dog, slopes, cuts = rows("dog_index"), rows("slope_index"), rows("cut_index")
-    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, dog, slopes, cuts, bands)
+    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, *map(rows, losses), bands)
 
 
 def four() -> Splats:
@@ -34,6 +35,7 @@ def four() -> Splats:
     return Splats(**arrays, **dog).with_sh_degrees([1, 1, 1, 0])
 
 
+GROUPS = {"cuts": CUTS, "second_cuts": SECOND_CUTS}
 PRICES = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0)
 LOSSES = ([9, 5, 4, 1.0], [[4, 0], [0.1, 0], [0.1, 0], [0, 0.0]], [3, 0.01, 0, 0.0])
 
@@ -75,7 +77,7 @@ def four_sloped() -> Splats:
     ],
 )
 def test_slopes_go_where_they_gain_least_for_their_bytes(budget, kept, degrees, dog, slopes):
-    options = options_of([9, 5, 4, 3.0], *LOSSES[1:], four_sloped(), without_slopes=[2.0, 0, 0.5, 0.02])
+    options = options_of([9, 5, 4, 3.0], *LOSSES[1:], four_sloped(), slopes=[2.0, 0, 0.5, 0.02])
     chosen = options.chosen(SLOPED, budget)
     np.testing.assert_array_equal(chosen.kept, kept)
     np.testing.assert_array_equal(chosen.degrees, degrees)
@@ -87,15 +89,19 @@ def test_slopes_go_where_they_gain_least_for_their_bytes(budget, kept, degrees, 
     np.testing.assert_array_equal(model.color_slopes, expected)
 
 
-PRICED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0, 30.0)
+PRICED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0, 30.0, 30.0)
 
 
-def four_cut(sloped: bool) -> Splats:
+def four_cut(sloped: bool, *planes: str) -> Splats:
     """Four, all but the third cut off."""
-    normals = np.random.default_rng(1).normal(size=(3, 3))
-    return replace(four_sloped() if sloped else four(), cut_index=[0, 1, 3], cut_normals=normals)
+    splats = four_sloped() if sloped else four()
+    for plane in planes:
+        (name,), index = GROUPS[plane].names, GROUPS[plane].index
+        splats = replace(splats, **{index: np.array([0, 1, 3]), name: np.random.default_rng(1).normal(size=(3, 3))})
+    return splats
 
 
+@pytest.mark.parametrize("plane", GROUPS)
 @pytest.mark.parametrize("sloped", [False, True])
 @pytest.mark.parametrize(
     ("budget", "kept", "cuts"),
@@ -106,22 +112,32 @@ def four_cut(sloped: bool) -> Splats:
         (410, [0, 1, 2], [0]),  # then the last primitive, before a cut that matters
     ],
 )
-def test_cuts_go_where_they_gain_least_for_their_bytes(sloped, budget, kept, cuts):
-    splats = four_cut(sloped)
-    without_slopes = [2.0, 0, 1.8, 1.7] if sloped else None  # more for their bytes than any cut
-    options = options_of([9, 6, 5, 3.0], *LOSSES[1:], splats, without_slopes, [1.5, 0.2, 0, 0.05])
+def test_cuts_go_where_they_gain_least_for_their_bytes(plane, sloped, budget, kept, cuts):
+    splats, (name,) = four_cut(sloped, plane), GROUPS[plane].names
+    slopes = [2.0, 0, 1.8, 1.7] if sloped else None  # more for their bytes than any cut
+    options = options_of([9, 6, 5, 3.0], *LOSSES[1:], splats, slopes, **{plane: [1.5, 0.2, 0, 0.05]})
     chosen = options.chosen(PRICED, budget + 40 * (len(kept) - 1) * sloped)
     np.testing.assert_array_equal(chosen.kept, kept)
-    np.testing.assert_array_equal(chosen.cuts, cuts)
+    np.testing.assert_array_equal(getattr(chosen, plane), cuts)
     np.testing.assert_array_equal(chosen.slopes, np.intersect1d(splats.slope_index, kept))
     model = as_chosen(splats, options, chosen)
-    np.testing.assert_array_equal(model.cut_index, cuts)
-    np.testing.assert_array_equal(model.cut_normals, splats.cut_normals[np.searchsorted([0, 1, 3], cuts)])
+    np.testing.assert_array_equal(getattr(model, GROUPS[plane].index), cuts)
+    np.testing.assert_array_equal(getattr(model, name), getattr(splats, name)[np.searchsorted([0, 1, 3], cuts)])
+
+
+def test_of_two_cuts_the_one_goes_that_gains_less():
+    splats = four_cut(False, *GROUPS)
+    options = options_of(*LOSSES, splats, cuts=[1.5, 0.03, 0, 0.9], second_cuts=[0.02, 1.2, 0, 0.9])
+    chosen = options.chosen(PRICED, 10 + 3 * 150 + 100 + 20 + 4 * 30)  # all but a DoG row and two cuts
+    assert chosen.kept.tolist() == [0, 1, 2, 3] and chosen.degrees.tolist() == [1, 1, 1, 0]
+    assert (chosen.dog.tolist(), chosen.cuts.tolist(), chosen.second_cuts.tolist()) == ([0], [0, 3], [1, 3])
+    model = as_chosen(splats, options, chosen)
+    assert (model.cut_index.tolist(), model.second_cut_index.tolist()) == ([0, 3], [1, 3])
 
 
 def test_slopes_that_are_to_come_cost_what_they_will_and_are_not_given_up():
     losses = [np.inf, 0, np.inf, np.inf]
-    chosen = options_of(*LOSSES, four_sloped(), without_slopes=losses).chosen(SLOPED, 10 + 3 * 140 + 100)
+    chosen = options_of(*LOSSES, four_sloped(), slopes=losses).chosen(SLOPED, 10 + 3 * 140 + 100)
     assert chosen.kept.tolist() == [0, 1, 2] and chosen.slopes.tolist() == [0, 2]
 
 
