@@ -72,6 +72,7 @@ def test_nothing_is_said_to_leave_also_where_photographs_are_looked_at():
 
 @pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz"])
 @for_each_kind("said", ("has no colour that varies over a primitive", "slopes that are zero: 1, 40 bytes"),
+               ("has no colour that varies over a primitive", "curvatures that are zero: 1, 28 bytes"),
                ("has no primitive that is cut off", "cuts that are zero: 1, 16 bytes"))  # fmt: skip
 def test_rows_stay_with_their_primitives_or_a_line_says_that_they_do_not(capsys, tmp_path, suffix, kind: Kind, said):
     (lost, unneeded), splats = said, kind.having(tiny_data.truth(), every=3)

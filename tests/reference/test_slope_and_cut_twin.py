@@ -71,7 +71,7 @@ def test_a_pixel_sees_the_mean_of_what_lies_behind_it(kind: Kind, values):
 @pytest.mark.parametrize("shares", [{"slope_share": 0.6}, {"slope_share": 0.4, "cut_share": 0.6},
                                     {"cut_share": 0.5, "second_cut_share": 0.5}, {"curvature_share": 0.6},
                                     {"slope_share": 0.5, "curvature_share": 0.5, "cut_share": 0.5}],
-                         ids=["slopes", "slopes and cuts", "cuts of both planes", "curvatures", "three kinds"])  # fmt: skip
+                         ids=["slopes", "slopes and cuts", "both planes", "curvatures", "three kinds"])  # fmt: skip
 def test_the_tiled_twin_shows_what_the_plain_one_does(shares, dog_share, smooth, choices):
     splats = random_splats(60, seed=1, dog_share=dog_share, **shares)
     assert_images_equal(splats, tilted_camera(53, 37), smooth, **choices)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mi_dogsplat.formats.sizes import Prices
-from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS
+from mi_dogsplat.scene.row_groups import CUTS, DOG, OWN_AXES, SECOND_CUTS
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import Bands
 from mi_dogsplat.training.strategy.compaction import as_chosen
@@ -13,12 +13,14 @@ from mi_dogsplat.training.strategy.options import Options, Rows
 from splat_scenes import random_splats, rounded
 
 
-def options_of(removal, by_degree, without_dog, splats: Splats, slopes=None, cuts=None, second_cuts=None) -> Options:
+def options_of(removal, by_degree, without_dog, splats: Splats, slopes=None, curvatures=None, cuts=None,
+               second_cuts=None) -> Options:  # fmt: skip
     """``slopes`` and the others: what is lost without."""
     whole = splats.uniform_sh()
     nothing = [np.zeros(splats.n_splats)] * (whole.sh_coeffs.shape[1] * (whole.sh_coeffs.shape[1] + 1) // 2)
     bands = Bands(whole.sh_coeffs, nothing)
-    losses = {"dog_index": without_dog, "slope_index": slopes, "cut_index": cuts, "second_cut_index": second_cuts}
+    given = without_dog, slopes, curvatures, cuts, second_cuts
+    losses = {group.index: loss for group, loss in zip((DOG, *OWN_AXES), given, strict=True)}
 
     def rows(index: str) -> Rows:
         has, loss = np.isin(np.arange(splats.n_splats), getattr(splats, index)), losses[index]
@@ -89,7 +91,7 @@ def test_slopes_go_where_they_gain_least_for_their_bytes(budget, kept, degrees, 
     np.testing.assert_array_equal(model.color_slopes, expected)
 
 
-PRICED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0, 30.0, 30.0)
+PRICED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0, 35.0, 30.0, 30.0)
 
 
 def four_cut(sloped: bool, *planes: str) -> Splats:
