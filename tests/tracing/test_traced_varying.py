@@ -115,7 +115,7 @@ def test_disks_of_any_thickness_have_the_colour_of_where_the_ray_meets_their_pla
 
 @EACH_WAY
 def test_shadows_stay_as_they_are(way):
-    shares = {"slope_share": float(way != "curvatures"), "curvature_share": float(way != "slopes")}
+    shares: dict[str, Any] = {"slope_share": float(way != "curvatures"), "curvature_share": float(way != "slopes")}
     splats, rays = rounded(random_splats(50, seed=9, **shares)), random_rays(100, seed=10)
     shadow, without = (tracer_of(of).transmittance(rays.ray).numpy() for of in (splats, splats.without_slopes()))
     np.testing.assert_array_equal(shadow, without)
