@@ -21,7 +21,7 @@ from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from own_axes_models import CUT, SECOND_CUT, SLOPED
 
-STYLE = Path(mi_dogsplat.__file__).parent / "report" / "templates" / "style.css"
+TEMPLATES = Path(mi_dogsplat.__file__).parent / "report" / "templates"
 
 
 def run(capsys, *argv) -> tuple[int, str, str]:
@@ -123,10 +123,13 @@ def test_a_model_is_framed_when_no_camera_is_named(capsys, model, tmp_path, monk
     assert whole["mean_error"] > 1e-3  # it is in view
 
 
-def test_every_curve_has_a_colour_of_its_own():
-    style = STYLE.read_text(encoding="utf-8")
+def test_every_curve_has_a_colour_and_a_marker_of_its_own():
+    style = (TEMPLATES / "style.css").read_text(encoding="utf-8")
     for number in range(1, len(GROUPS) + 1):
         assert f".c{number}, .k{number} {{ --of: var(--c{number}); }}" in style and style.count(f"--c{number}: #") == 2
+    parts = (TEMPLATES / "parts.html").read_text(encoding="utf-8")
+    shapes = [line for line in parts.partition("SHAPES = [")[2].partition("]")[0].splitlines() if line]
+    assert len(set(shapes)) == len(shapes) == len(GROUPS) + 1  # and what is in no group
 
 
 @pytest.mark.parametrize(

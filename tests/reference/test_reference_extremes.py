@@ -53,9 +53,9 @@ def exact_loss(raw: dict, color: np.ndarray, camera, adjoint: np.ndarray, antial
     inverse /= covariance[0, 0] * covariance[1, 1] - covariance[0, 1] ** 2
     w = offsets.T @ (inverse @ A)  # [P, 3]
     colors = color + w @ raw["color_slopes"] if "color_slopes" in raw else color
-    if "cut_normals" in raw:
-        plane = Decimal(-4)
-        alpha = alpha * np.array([(1 + plane.exp()) / (1 + (plane - n).exp()) for n in w @ raw["cut_normals"]])
+    plane = Decimal(-4)
+    for normal in [raw[name] for name in ("cut_normals", "second_cut_normals") if name in raw]:
+        alpha = alpha * np.array([(1 + plane.exp()) / (1 + (plane - n).exp()) for n in w @ normal])
     over = (colors - number(BACKGROUND)) * number(adjoint.swapaxes(0, 1).reshape(-1, 3))
     return (alpha[:, None] * over).sum()
 

@@ -59,7 +59,7 @@ def test_wherever_the_plane_lies_hardly_any_gaussian_is_nearer(length, offset):
 
     def lost(p: np.ndarray) -> float:
         G = gaussian(p[0], np.exp(p[1]), 1)
-        return 1 - (G @ f) ** 2 / (G @ G) / (f @ f)
+        return float(1 - (G @ f) ** 2 / (G @ G) / (f @ f))
 
     m, r, a = (values.item() for values in nearest_whole(np.array([length]), np.array([offset])))
     starts = (PLACES[f.argmax()], 0), (PLACES[f.argmax()], -2), (0.3, -0.3)

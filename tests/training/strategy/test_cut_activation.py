@@ -94,7 +94,7 @@ def test_beside_another_plane_a_change_may_be_a_little_larger():
     assert not is_shown(one([1, 0, 0]), CUT, rule) and is_shown(both, CUT, rule)
 
 
-CONTROLS = {CUT: CutControl(CutRule()), SECOND_CUT: SecondCutControl(CutRule())}
+CONTROLS = {CUT.word: CutControl(CutRule()), SECOND_CUT.word: SecondCutControl(CutRule())}
 
 
 @EACH_PLANE
@@ -103,14 +103,14 @@ def test_the_end_leaves_out_what_no_pixel_shows_and_keeps_the_moments_of_the_oth
     normals = np.outer([0.01, 3, 0.02, 5, 0, 9], [0.0, 0.6, 0.8])
     optimizer = optimizer_of(rounded(kind.given(splats, normals, np.arange(6))))
     t: Any = SimpleNamespace(optimizer=optimizer)
-    (event,) = CONTROLS[kind].end(t, None)
+    (event,) = CONTROLS[kind.word].end(t, None)
     assert event.record == {"kind": f"{kind.word}_left_out", "count": 3, "left": 3}
     assert event.text == f"{kind.word.replace('_', ' ')} of 3 primitives left out, 3 have one"
     assert kind.index(optimizer.to_splats()).tolist() == [1, 3, 5]
     np.testing.assert_array_equal(kind.values(optimizer.to_splats()), normals[[1, 3, 5]].astype(np.float32))
-    assert CONTROLS[kind].end(t, None) == []
+    assert CONTROLS[kind.word].end(t, None) == []
     optimizer.set_rows(kind.group, np.zeros(0, int), {kind.name: np.zeros((0, 3))})
-    assert CONTROLS[kind].end(t, None) == []
+    assert CONTROLS[kind.word].end(t, None) == []
 
 
 def test_a_threshold_of_0_keeps_all_and_a_large_one_keeps_none():

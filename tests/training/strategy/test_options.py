@@ -9,7 +9,7 @@ from mi_dogsplat.scene.row_groups import CUTS, DOG, OWN_AXES, SECOND_CUTS
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import Bands
 from mi_dogsplat.training.strategy.compaction import as_chosen
-from mi_dogsplat.training.strategy.options import Options, Rows
+from mi_dogsplat.training.strategy.options import GROUPS, Options, Rows
 from splat_scenes import random_splats, rounded
 
 
@@ -26,7 +26,8 @@ def options_of(removal, by_degree, without_dog, splats: Splats, slopes=None, cur
         has, loss = np.isin(np.arange(splats.n_splats), getattr(splats, index)), losses[index]
         return Rows(has, np.zeros(splats.n_splats) if loss is None else np.array(loss))
 
-    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, *map(rows, losses), bands)
+    groups = {name: rows(index) for name, index in zip(GROUPS, losses, strict=True)}
+    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, bands=bands, **groups)
 
 
 def four() -> Splats:
@@ -37,7 +38,7 @@ def four() -> Splats:
     return Splats(**arrays, **dog).with_sh_degrees([1, 1, 1, 0])
 
 
-GROUPS = {"cuts": CUTS, "second_cuts": SECOND_CUTS}
+PLANES = {"cuts": CUTS, "second_cuts": SECOND_CUTS}
 PRICES = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0)
 LOSSES = ([9, 5, 4, 1.0], [[4, 0], [0.1, 0], [0.1, 0], [0, 0.0]], [3, 0.01, 0, 0.0])
 
@@ -98,12 +99,12 @@ def four_cut(sloped: bool, *planes: str) -> Splats:
     """Four, all but the third cut off."""
     splats = four_sloped() if sloped else four()
     for plane in planes:
-        (name,), index = GROUPS[plane].names, GROUPS[plane].index
+        (name,), index = PLANES[plane].names, PLANES[plane].index
         splats = replace(splats, **{index: np.array([0, 1, 3]), name: np.random.default_rng(1).normal(size=(3, 3))})
     return splats
 
 
-@pytest.mark.parametrize("plane", GROUPS)
+@pytest.mark.parametrize("plane", PLANES)
 @pytest.mark.parametrize("sloped", [False, True])
 @pytest.mark.parametrize(
     ("budget", "kept", "cuts"),
@@ -115,7 +116,7 @@ def four_cut(sloped: bool, *planes: str) -> Splats:
     ],
 )
 def test_cuts_go_where_they_gain_least_for_their_bytes(plane, sloped, budget, kept, cuts):
-    splats, (name,) = four_cut(sloped, plane), GROUPS[plane].names
+    splats, (name,) = four_cut(sloped, plane), PLANES[plane].names
     slopes = [2.0, 0, 1.8, 1.7] if sloped else None  # more for their bytes than any cut
     options = options_of([9, 6, 5, 3.0], *LOSSES[1:], splats, slopes, **{plane: [1.5, 0.2, 0, 0.05]})
     chosen = options.chosen(PRICED, budget + 40 * (len(kept) - 1) * sloped)
@@ -123,12 +124,12 @@ def test_cuts_go_where_they_gain_least_for_their_bytes(plane, sloped, budget, ke
     np.testing.assert_array_equal(getattr(chosen, plane), cuts)
     np.testing.assert_array_equal(chosen.slopes, np.intersect1d(splats.slope_index, kept))
     model = as_chosen(splats, options, chosen)
-    np.testing.assert_array_equal(getattr(model, GROUPS[plane].index), cuts)
+    np.testing.assert_array_equal(getattr(model, PLANES[plane].index), cuts)
     np.testing.assert_array_equal(getattr(model, name), getattr(splats, name)[np.searchsorted([0, 1, 3], cuts)])
 
 
 def test_of_two_cuts_the_one_goes_that_gains_less():
-    splats = four_cut(False, *GROUPS)
+    splats = four_cut(False, *PLANES)
     options = options_of(*LOSSES, splats, cuts=[1.5, 0.03, 0, 0.9], second_cuts=[0.02, 1.2, 0, 0.9])
     chosen = options.chosen(PRICED, 10 + 3 * 150 + 100 + 20 + 4 * 30)  # all but a DoG row and two cuts
     assert chosen.kept.tolist() == [0, 1, 2, 3] and chosen.degrees.tolist() == [1, 1, 1, 0]
