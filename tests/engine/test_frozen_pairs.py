@@ -37,7 +37,7 @@ CAMERA = make_camera(16, 12, f=14.0)
 NUMBERS = (0.3, -0.2, 0.1, -0.4, -0.2)  # of a camera: gains, vignetting
 OPTIONS = ({}, {"patch": 1}, {"patch": 2}, {"negative_transmittance": False}, {"cutoffs": SMOOTH},
            {"patch": 1, "negative_transmittance": False}, {"cut_share": 0.5}, {"dog_share": 0},
-           {"cut_share": 0.5, "dog_share": 0}, {"second_cut_share": 0.4}, {"cut_share": 0.5, "second_cut_share": 0.5},
+           {"cut_share": 0.5, "dog_share": 0}, {"second_cut_share": 0.7}, {"cut_share": 0.5, "second_cut_share": 0.5},
            {"dog_share": 0, "patch": 1})
 SLOPED = (*OPTIONS, {"slope_share": 0.5}, {"slope_share": 0.5, "dog_share": 0}, {"slope_share": 0.5, "patch": 1},
           {"slope_share": 0.5, "cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 0.5, "second_cut_share": 0.5})

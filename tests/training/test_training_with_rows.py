@@ -113,7 +113,7 @@ def test_they_bring_the_pictures_nearer_to_what_needs_them(kind, pictures, tmp_p
         assert trainer.optimizer.n == 59 and kind.n(trainer.optimizer) == 0
         list(run_to_end(trainer))
         found[preset] = trainer.training_l1()
-    assert found[kind.preset] < 0.8 * found[kind.before]  # .22 for slopes, .66 for cuts, .59 for second ones, seeds 0 to 2
+    assert found[kind.preset] < 0.8 * found[kind.before]  # slopes .22, cuts .66, second .59; seeds 0 to 2
 
 
 def test_a_checkpoint_of_a_run_that_knew_none_goes_on(kind, pictures):
