@@ -30,7 +30,8 @@ from .columns import Geometry, get_column, put_column
 SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
 OPACITY_FACTOR, SCALE_FACTOR = "dog:opacity_factor", "dog:scale_factor"
 SLOPE_VECTORS = tuple(f"dog:slope_{axis}" for axis in "xyz")  # along that axis of the splat
-CURVATURE_SQUARES = "dog:curvature_squares"  # xx, yy, zz of its matrix; a brightness is that in any working space
+# A brightness has the same values in every working space: white is (1, 1, 1) in each, so grey stays grey
+CURVATURE_SQUARES = "dog:curvature_squares"  # xx, yy, zz of its matrix
 CURVATURE_VECTORS = (CURVATURE_SQUARES, "dog:curvature_products")  # xy, xz, yz
 OF_GROUPS = {  # where any splat has rows of the group: the attribute that is 1 for those, and their vectors
     SLOPES: ("dog:has_slopes", SLOPE_VECTORS),
