@@ -19,7 +19,7 @@ from mi_dogsplat.cli import main
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-from own_axes_models import CUT, SECOND_CUT, SLOPED
+from own_axes_models import CURVED, CUT, SECOND_CUT, SLOPED
 
 TEMPLATES = Path(mi_dogsplat.__file__).parent / "report" / "templates"
 
@@ -136,10 +136,11 @@ def test_every_curve_has_a_colour_and_a_marker_of_its_own():
     ("kind", "truth", "said", "color"),
     [
         (SLOPED, tiny_data.sloped_truth, "with slopes", "c8"),
-        (CUT, tiny_data.cut_truth, "with a cut", "c9"),
-        (SECOND_CUT, tiny_data.twice_cut_truth, "with a second", "c10"),
+        (CURVED, tiny_data.curved_truth, "with curvatures", "c9"),
+        (CUT, tiny_data.cut_truth, "with a cut", "c10"),
+        (SECOND_CUT, tiny_data.twice_cut_truth, "with a second", "c11"),
     ],
-    ids=["slopes", "cuts", "second cuts"],
+    ids=["slopes", "curvatures", "cuts", "second cuts"],
 )
 def test_a_model_with_rows_is_measured_with_theirs(kind, truth, said, color, capsys, tmp_path, monkeypatch, few_points):
     monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda width: [])

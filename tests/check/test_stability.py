@@ -58,13 +58,17 @@ OTHERS = {
     "slopes, turned": lambda splats: replace(splats, color_slopes=splats.color_slopes.swapaxes(1, 2)),
     "cuts, forgotten": lambda splats: splats.without_cuts(),
     "cuts, turned": lambda splats: replace(splats, cut_normals=np.roll(splats.cut_normals, 1, axis=1)),
+    "curvatures, forgotten": lambda splats: splats.without_curvatures(),
+    "curvatures, turned": lambda splats: replace(
+        splats, brightness_curvatures=splats.brightness_curvatures[:, ::-1]
+    ),
     "second cuts, forgotten": lambda splats: splats.without_second_cuts(),
     "second cuts, turned": lambda splats: replace(splats, second_cut_normals=splats.second_cut_normals[:, ::-1]),
 }
 
 
 ORDINARY = {
-    "slopes": "slopes: ordinary", "cuts": "cuts: ordinary", "second cuts": "cuts: 300 that two planes cut off"
+    "slopes": "slopes: ordinary", "cuts": "cuts: ordinary", "curvatures": "curvatures: ordinary", "second cuts": "cuts: 300 that two planes cut off"
 }  # fmt: skip
 
 
@@ -78,7 +82,12 @@ def test_slopes_and_cuts_that_the_engine_forgets_or_turns_are_an_error(other, mo
 
 @pytest.mark.parametrize(
     ("group", "parameter"),
-    [("slopes", "color_slopes"), ("cuts", "cut_normals"), ("second cuts", "second_cut_normals")],
+    [
+        ("slopes", "color_slopes"),
+        ("curvatures", "brightness_curvatures"),
+        ("cuts", "cut_normals"),
+        ("second cuts", "second_cut_normals"),
+    ],
 )
 def test_a_gradient_that_is_a_percent_off_is_an_error(group, parameter, monkeypatch):
     case = CASES[ORDINARY[group]]

@@ -95,7 +95,7 @@ def test_the_primitives_kept_are_those_that_the_picture_would_miss_most(few_poin
 def test_knobs_that_a_model_does_not_have_make_no_curve(few_points):
     plain = make_splats(np.random.default_rng(0).uniform(-0.5, 0.5, (30, 3)) + (0, 0, 3))
     groups = {p.group for p in settings(Scene("", "", rounded(plain), make_camera()))}
-    assert groups == {"", *GROUPS} - {"SH degree", "DoG", "slopes", "cuts", "second cuts"}
+    assert groups == {"", *GROUPS} - {"SH degree", "DoG", "slopes", "curvatures", "cuts", "second cuts"}
 
 
 def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
@@ -124,6 +124,7 @@ def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
     [
         ("slope_share", "slopes", "color_slopes", "with slopes"),
         ("cut_share", "cuts", "cut_normals", "with a cut"),
+        ("curvature_share", "curvatures", "brightness_curvatures", "with curvatures"),
         ("second_cut_share", "second cuts", "second_cut_normals", "with a second"),
     ],
 )
@@ -155,7 +156,7 @@ def test_against_the_twin_with_the_same_cutoffs_only_rounding_is_left(few_points
 
 def test_the_default_is_measured_once_and_marked(few_points, faint):
     rows = [row for row in measure(faint, rounds=1)["rows"] if row["default"]]
-    assert len(rows) == len(GROUPS) - 2  # no slopes, cuts and second ones, and none but the default is in no group
+    assert len(rows) == len(GROUPS) - 3  # no slopes, curvatures, cuts and second ones, and none but the default is in no group
     assert all({**row, "group": "", "setting": ""} == {**rows[0], "group": "", "setting": ""} for row in rows)
 
 
@@ -185,7 +186,7 @@ def test_primitives_that_are_left_out_have_the_gradient_zero():
     model = Model.of(splats.select(kept), kept)
     gradients = {name: rng.normal(size=getattr(model.splats, name).shape) for name in raw_names(splats)}
     whole = on_all_rows({name: values.ravel() for name, values in gradients.items()}, model, splats)
-    assert set(whole) == {*RAW_PARAMETERS, "color_slopes", "cut_normals", "second_cut_normals"}
+    assert set(whole) == {*RAW_PARAMETERS, "color_slopes", "brightness_curvatures", "cut_normals", "second_cut_normals"}
     for name, values in whole.items():
         left = np.isin(rows_of(splats, name), kept)
         assert 0 < left.sum() < len(left) and values.shape == getattr(splats, name).shape

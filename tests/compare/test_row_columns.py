@@ -22,6 +22,7 @@ ROWS = {
     "ours_slopes": {"n_slopes": 1111},
     "ours_cuts": {"n_slopes": 1112, "n_cuts": 1113},
     "ours_second_cuts": {"n_slopes": 1114, "n_cuts": 1115, "n_second_cuts": 1116},
+    "ours_curvatures": {"n_slopes": 1117, "n_curvatures": 1118, "n_cuts": 1119, "n_second_cuts": 1120},
 }
 
 
@@ -41,21 +42,26 @@ def comparison(out: Path, names) -> dict:
         (["ours"], []),
         (["ours", "ours_slopes"], ["n_slopes"]),
         (list(ROWS)[:3], ["n_slopes", "n_cuts"]),
-        (list(ROWS), ["n_slopes", "n_cuts", "n_second_cuts"]),
+        (list(ROWS)[:4], ["n_slopes", "n_cuts", "n_second_cuts"]),
+        (list(ROWS), ["n_slopes", "n_curvatures", "n_cuts", "n_second_cuts"]),
     ],
 )
 def test_a_column_is_there_where_a_method_has_such_rows(tmp_path, names, shown):
     table = comparison(tmp_path, names)
     assert columns(table, "tiny")[: len(shown) + 4] == ["n", "n_dog", *shown, "megabytes", "psnr"]
     second, text = "n_second_cuts" in shown, markdown(table, "tiny")
-    if "n_cuts" in shown:
+    if "n_curvatures" in shown:
+        assert "| with slopes | with curvatures | with a cut | with a second |" in text
+        assert "| ours, with second cuts | 1,200 | 7 | 1,114 |  | 1,115 | 1,116 |" in text
+        assert "| ours, with curvatures | 1,200 | 7 | 1,117 | 1,118 | 1,119 | 1,120 |" in text
+    elif "n_cuts" in shown:
         assert "| primitives | of them DoG | with slopes | with a cut |" + " with a second |" * second in text
         assert "| ours, with slopes and cuts | 1,200 | 7 | 1,112 | 1,113 |" + "  |" * second in text
         assert "| ours, with slopes | 1,200 | 7 | 1,111 |  |" + "  |" * second in text
         assert ("| ours, with second cuts | 1,200 | 7 | 1,114 | 1,115 | 1,116 |" in text) == second
 
 
-def test_an_ablation_goes_on_to_second_cuts_and_so_do_all_sets():
-    ours = ("ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts")
-    assert ABLATION[-5:] == ours
-    assert all(tuple(chosen([words])[-5:]) == ours for words in ("published", "equal", "ablation"))
+def test_an_ablation_goes_on_to_curvatures_and_so_do_all_sets():
+    ours = ("ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "ours_curvatures")
+    assert ABLATION[-6:] == ours
+    assert all(tuple(chosen([words])[-6:]) == ours for words in ("published", "equal", "ablation"))

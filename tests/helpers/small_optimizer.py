@@ -1,13 +1,14 @@
 """Adam on a few random primitives, with random gradients."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from launches import KernelWatch
-from mi_dogsplat.scene.row_groups import PLANES, SLOPES
+from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
@@ -18,18 +19,18 @@ RATES = LearningRates(extent=2.0, total_steps=1000)
 def random_model(
     n: int, degree: int = 1, dog_index=(), seed: int = 0, rows: Mapping[str, Sequence[int]] | None = None
 ) -> Splats:
-    """``rows``: who has slopes, by ``slope_index``, cuts, by ``cut_index``, and second ones."""
+    """``rows``: who has slopes, by ``slope_index``, curvatures, cuts and second ones."""
     rng, m = np.random.default_rng(seed), len(dog_index)
-    of_rows = (np.array((rows or {}).get(group.index, ()), np.uint32) for group in (SLOPES, *PLANES))
-    slope_index, cut_index, second_cut_index = of_rows
-    return Splats(
+    model = Splats(
         rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), rng.normal(size=(n, 4)), rng.normal(size=n),
         rng.normal(size=(n, (degree + 1) ** 2, 3)),
         np.array(dog_index, np.uint32), rng.normal(size=m), rng.normal(size=(m, 3)),
-        slope_index, rng.normal(size=(len(slope_index), 3, 3)),
-        cut_index, rng.normal(size=(len(cut_index), 3)),
-        second_cut_index, rng.normal(size=(len(second_cut_index), 3)),
     )  # fmt: skip
+    arrays: dict[str, np.ndarray] = {}
+    for group in OWN_AXES:
+        ((name, shape),), index = group.arrays.items(), np.array((rows or {}).get(group.index, ()), np.uint32)
+        arrays |= {group.index: index, name: rng.normal(size=(len(index), *shape))}
+    return replace(model, **arrays)
 
 
 def translucent_model(n: int) -> Splats:

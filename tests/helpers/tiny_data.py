@@ -70,6 +70,13 @@ def sloped_truth() -> Splats:
     return replace(model, log_scales=model.log_scales + np.log(1.6), **rows)
 
 
+def curved_truth() -> Splats:
+    """The truth, larger and with a brightness that curves over its primitives."""
+    model, rng = truth(), np.random.default_rng(5)
+    rows = {"curvature_index": np.arange(N_TRUTH), "brightness_curvatures": rng.normal(0, 0.15, (N_TRUTH, 6))}
+    return replace(model, log_scales=model.log_scales + np.log(1.6), **rows)
+
+
 def cut_truth() -> Splats:
     """The truth, larger and each primitive cut off near its centre."""
     model = truth()

@@ -26,10 +26,11 @@ from mi_dogsplat.scene.row_groups import ALONG_AXES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.presets import GIVEN
-from sloped_models import with_slopes
+from sloped_models import with_curvatures, with_slopes
 from splat_scenes import dog_dict, make_camera, random_splats, rounded, scene_of, square_camera
 
-MODEL = {"Gaussians", "DoG", "negative T", "slopes", "cuts", "second cuts"} | {f"SH degree {d}" for d in (1, 2, 3)}
+OF_AXES = {"slopes", "curvatures", "cuts", "second cuts"}
+MODEL = {"Gaussians", "DoG", "negative T"} | OF_AXES | {f"SH degree {d}" for d in (1, 2, 3)}
 RENDER = {"background", "antialiasing", "depth", "other AOVs", "derivatives"}
 
 
@@ -68,11 +69,12 @@ def test_a_plain_model_leaves_out_what_it_has_not(tmp_path):
 
 
 def test_the_parameters_add_up_to_those_of_the_model():
-    splats = with_second_cuts(with_cuts(with_slopes(model(degree=3, dog_share=0.5), every=3)), every=5)
+    sloped = with_curvatures(with_slopes(model(degree=3, dog_share=0.5), every=3), every=4)
+    splats = with_second_cuts(with_cuts(sloped), every=5)
     each = {f.name: int(f.reason.split("each ")[1].split()[0]) for f in model_features([splats]) if "each" in f.reason}
     m = each.pop("DoG") * splats.n_dog
     m += each.pop("slopes") * splats.n_slopes + each.pop("cuts") * splats.n_cuts
-    m += each.pop("second cuts") * splats.n_second_cuts
+    m += each.pop("second cuts") * splats.n_second_cuts + each.pop("curvatures") * splats.n_curvatures
     arrays = [getattr(splats, name) for name in vars(splats) if not name.endswith("_index")]
     assert sum(each.values()) * splats.n_splats + m == sum(array.size for array in arrays)
 
@@ -97,6 +99,7 @@ def test_dog_is_needed_by_the_primitives_that_are():
         ("slopes", with_slopes, "9 parameters, 40 bytes", "primitives of one"),
         ("cuts", with_cuts, "3 parameters, 16 bytes", "whole primitives"),
         ("second cuts", with_second_cuts, "3 parameters, 16 bytes", "primitives that are cut off once"),
+        ("curvatures", with_curvatures, "6 parameters, 28 bytes", "primitives without"),
     ],
 )
 def test_slopes_and_cuts_are_needed_by_the_primitives_that_have_them(name, with_rows, size, others):
@@ -335,6 +338,7 @@ def test_a_format_that_the_preset_of_a_run_cannot_have_is_one_line(tmp_path):
         ({"preset": "ours_slopes"}, "training slopes", "needed"),
         ({"preset": "ours_cuts"}, "training cuts", "needed"),
         ({"preset": "ours_second_cuts"}, "training second cuts", "needed"),
+        ({"preset": "ours_curvatures"}, "training curvatures", "needed"),
         ({"preset": "ours_preconditioned"}, "preconditioned steps", "needed"),
         ({"preconditioned": True}, "preconditioned steps", "needed"),
         ({"model": "m.ply"}, "densification", "left out"),

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from happenings import history_of, records
+from mi_dogsplat.compare.names import OURS
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.runs import run
 from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint, save_checkpoint
@@ -24,7 +25,7 @@ from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
 
 STEPS = 60
-PRESETS = ("3dgs", "ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "released")
+PRESETS = ("3dgs", *OURS, "released")
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
@@ -79,6 +80,7 @@ def whole(data, tmp_path_factory) -> dict[str, Path]:
     assert records(history_of(folders["ours_slopes"]), "slopes_activated")[0]["count"] > 0
     assert records(history_of(folders["ours_cuts"]), "cuts_activated")[0]["count"] > 0
     assert records(history_of(folders["ours_second_cuts"]), "second_cuts_activated")[0]["count"] > 0
+    assert records(history_of(folders["ours_curvatures"]), "curvatures_activated")[0]["count"] > 0
     return folders
 
 

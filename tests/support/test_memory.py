@@ -65,6 +65,7 @@ def enough_for(n: int, data: Path) -> str:
     [
         (RECIPES["3dgs"], 0, 0),
         (replace(RECIPES["3dgs"], slopes=SlopeRule()), 9, 0),
+        (replace(RECIPES["3dgs"], curvatures=SlopeRule()), 6, 0),
         (replace(RECIPES["3dgs"], cuts=CutRule()), 3, 0),
         (replace(RECIPES["3dgs"], slopes=SlopeRule(), cuts=CutRule()), 12, 0),
         (replace(RECIPES["3dgs"], second_cuts=CutRule()), 3, 0),
@@ -90,6 +91,7 @@ def test_rows_and_products_count_where_they_come_to_all_primitives_that_there_ev
         ("ours_preconditioned", 600, None, 0),
         ("ours_preconditioned", "2kB", None, 0),
         ("ours_second_cuts", 0.6, None, 0.6),
+        ("ours_curvatures", 0.6, None, 0.6),
         ("ours", 0.95, None, 0.95),
     ],
 )
@@ -101,6 +103,7 @@ def test_what_comes_after_the_pruning_counts_where_it_takes_more_than_what_has_g
         "ours": PER_FLOAT * 4,
         "ours_preconditioned": PER_FLOAT * 16 + PER_PRODUCT * 21 * 22 / 2,
         "ours_second_cuts": PER_FLOAT * 19 + PER_PRODUCT * 24 * 25 / 2,
+        "ours_curvatures": PER_FLOAT * 25 + PER_PRODUCT * 24 * 25 / 2,
     }[preset]
     assert known and known.each(0) == pytest.approx(max(before, left * (before + later)))
     assert (known.each(0) > before) == (left > 0.5)

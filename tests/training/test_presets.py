@@ -19,7 +19,7 @@ PRUNING = [name for name, recipe in RECIPES.items() if recipe.pruning]
 
 
 def test_the_presets_are_those_of_the_interface_and_of_its_extensions_and_the_default_is_ours():
-    extensions = ["ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts"]
+    extensions = ["ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "ours_curvatures"]
     assert list(RECIPES) == ["ours", *extensions, "paper", "released", "3dgs"]
     assert TrainConfig("data").preset == "ours"
 
@@ -31,13 +31,13 @@ def test_the_baseline_neither_prunes_nor_knows_dog():
 def test_slopes_come_with_dog_and_are_all_that_is_added_to_ours():
     ours, sloped = RECIPES["ours"], RECIPES["ours_slopes"]
     assert ours.dog and sloped == dataclasses.replace(ours, slopes=SlopeRule(start=ours.dog.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == list(RECIPES)[1:5]
+    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == list(RECIPES)[1:6]
 
 
 def test_cuts_come_with_slopes_and_are_all_that_is_added_to_them():
     sloped, cut = RECIPES["ours_slopes"], RECIPES["ours_cuts"]
     assert sloped.slopes and cut == dataclasses.replace(sloped, cuts=CutRule(start=sloped.slopes.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == list(RECIPES)[2:5]
+    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == list(RECIPES)[2:6]
     for recipe in (cut.scaled(7000), cut.from_pruning(), cut.from_pruning().scaled(350)):
         assert recipe.slopes and recipe.cuts and recipe.dog
         assert recipe.slopes.start == recipe.cuts.start == recipe.dog.start
@@ -47,7 +47,7 @@ def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_
     cut, preconditioned = RECIPES["ours_cuts"], RECIPES["ours_preconditioned"]
     rule = preconditioned.preconditioning
     assert rule and dataclasses.replace(cut, preconditioning=rule) == preconditioned
-    assert [name for name, recipe in RECIPES.items() if recipe.preconditioning] == list(RECIPES)[3:5]
+    assert [name for name, recipe in RECIPES.items() if recipe.preconditioning] == list(RECIPES)[3:6]
     for recipe in (preconditioned, preconditioned.scaled(7000), preconditioned.from_pruning()):
         assert recipe.preconditioning and recipe.dog
         after = recipe.preconditioning.start - (recipe.first_step + recipe.dog.start)
@@ -57,17 +57,25 @@ def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_
 def test_second_cuts_come_with_cuts_and_are_all_that_is_added_to_preconditioned_steps():
     preconditioned, twice = RECIPES["ours_preconditioned"], RECIPES["ours_second_cuts"]
     assert preconditioned.cuts and twice == dataclasses.replace(preconditioned, second_cuts=preconditioned.cuts)
-    assert [name for name, recipe in RECIPES.items() if recipe.second_cuts] == ["ours_second_cuts"]
+    assert [name for name, recipe in RECIPES.items() if recipe.second_cuts] == list(RECIPES)[4:6]
     for recipe in (twice.scaled(7000), twice.from_pruning(), twice.from_pruning().scaled(350)):
         assert recipe.cuts and recipe.second_cuts == recipe.cuts
 
 
+def test_curvatures_come_with_slopes_and_are_all_that_is_added_to_second_cuts():
+    twice, curved = RECIPES["ours_second_cuts"], RECIPES["ours_curvatures"]
+    assert twice.slopes and curved == dataclasses.replace(twice, curvatures=twice.slopes)
+    assert [name for name, recipe in RECIPES.items() if recipe.curvatures] == ["ours_curvatures"]
+    for recipe in (curved.scaled(7000), curved.from_pruning(), curved.from_pruning().scaled(350)):
+        assert recipe.slopes and recipe.curvatures == recipe.slopes
+
+
 def test_rows_are_given_in_their_order_and_each_kind_is_looked_at_in_the_end():
-    assert list(GIVEN) == ["slopes", "cuts", "second_cuts"]
-    names = [part.name for part in RECIPES["ours_second_cuts"].strategies(Sieve())]
-    assert names[-3:] == ["slopeactivation", "cutactivation", "secondcutactivation"]
+    assert list(GIVEN) == ["slopes", "curvatures", "cuts", "second_cuts"]
+    names = [part.name for part in RECIPES["ours_curvatures"].strategies(Sieve())]
+    assert names[-4:] == ["slopeactivation", "curvatureactivation", "cutactivation", "secondcutactivation"]
     controls = [name for name in names if name.endswith("control")]
-    assert controls == ["dogcontrol", "slopecontrol", "cutcontrol", "secondcutcontrol"]
+    assert controls == ["dogcontrol", "slopecontrol", "curvaturecontrol", "cutcontrol", "secondcutcontrol"]
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -83,7 +91,8 @@ def test_what_ply_alone_holds_is_named():
     given = {name: recipe.given for name, recipe in RECIPES.items() if recipe.given}
     both, twice = "slopes and cuts", "slopes, cuts and second cuts"
     assert given == {
-        "ours_slopes": "slopes", "ours_cuts": both, "ours_preconditioned": both, "ours_second_cuts": twice
+        "ours_slopes": "slopes", "ours_cuts": both, "ours_preconditioned": both, "ours_second_cuts": twice,
+        "ours_curvatures": "slopes, curvatures, cuts and second cuts",
     }  # fmt: skip
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from mi_dogsplat.engine.parameters import ROWS, upload
 from mi_dogsplat.engine.project import NO_ROW
-from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.kinds import COUNTED
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, OWN_AXES, PLANES, SECOND_CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.training.images.tone_curve import SrgbLog
 from mi_dogsplat.training.optimizer.adam import Entry
@@ -18,7 +19,7 @@ from mi_dogsplat.training.strategy.broken import MAX_COLOR, MAX_NORMAL, broken
 from mi_dogsplat.viewer.source import splats_of_state
 from small_optimizer import RATES, assert_same, assert_same_state, moments, random_model, run, state_from_file
 
-EACH_KIND = pytest.mark.parametrize("group", [SLOPES, CUTS, SECOND_CUTS], ids=["slopes", "cuts", "second_cuts"])
+EACH_KIND = pytest.mark.parametrize("group", OWN_AXES, ids=lambda group: group.index)
 
 
 def name_of(group: RowGroup) -> str:
@@ -46,7 +47,7 @@ def test_a_model_with_rows_goes_in_and_comes_out_unchanged(group, degree, dog_in
     model = random_model(6, degree, dog_index, rows={group.index: index})
     optimizer = SplatOptimizer(model, RATES)
     assert_same(optimizer.to_splats(), model)
-    for name in ("n_slopes", "n_cuts", "n_second_cuts"):
+    for name in COUNTED:
         assert getattr(optimizer, name) == getattr(model, name)
     assert optimizer.index_of(group).tolist() == list(index)
 
@@ -130,7 +131,7 @@ def test_choosing_primitives_keeps_the_moments_of_those_that_stay(group):
 def test_steps_have_all_factors_of_those_of_the_constant_colour(group, step):
     refinement = Refinement(600, gain=4.0, end_gain=0.1, means_gain=16.0, sh_gain=4.0)
     rates = replace(RATES, refinement=refinement, views=300)
-    times, name = 1 if group is SLOPES else 25, name_of(group)
+    times, name = 25 if group in PLANES else 1, name_of(group)
     assert rates.at(step, 5)[name] == pytest.approx(times * rates.at(step, 5)["sh_dc"])
     optimizer = SplatOptimizer(random_model(4, 0, rows={group.index: (1,)}), rates)
     optimizer.schedule(step)
@@ -179,7 +180,7 @@ def test_a_state_whose_rows_are_not_those_of_its_index_is_refused(group, change)
 @pytest.mark.parametrize("value", [np.nan, -np.inf, 1.001, -1.001])
 def test_a_primitive_whose_rows_no_step_repairs_is_broken_and_no_other(group, value):
     optimizer, name = optimizer_of(group), name_of(group)
-    limit = MAX_COLOR if group is SLOPES else MAX_NORMAL
+    limit = MAX_NORMAL if group in PLANES else MAX_COLOR
     for bound in (value, 0.999):
         rows = optimizer.numpy(name)
         rows[1, -1] = bound * limit
@@ -203,6 +204,12 @@ def test_slopes_of_linear_colours_change_in_proportion_to_what_the_curve_shows_o
     slopes = SrgbLog().slope(mi.Float(0.01, 20.0)).numpy()
     expected = np.broadcast_to(2.5e-3 / slopes[:, None, None], (2, 3, 3))
     np.testing.assert_allclose(change_of_equal_gradients(SLOPES), expected, rtol=1e-3)
+
+
+def test_curvatures_of_linear_colours_change_as_the_curve_shows_all_channels_in_the_mean():
+    slopes = SrgbLog().slope(mi.Float(0.01, 20.0)).numpy()  # of a grey primitive, the same in each
+    expected = np.broadcast_to(2.5e-3 / slopes[:, None], (2, 6))
+    np.testing.assert_allclose(change_of_equal_gradients(CURVATURES), expected, rtol=1e-3)
 
 
 @pytest.mark.parametrize("plane", [CUTS, SECOND_CUTS], ids=["first", "second"])
