@@ -76,8 +76,8 @@ def test_the_default_is_a_point_on_every_curve_and_every_knob_is_turned_alone(fe
     points = settings(faint)
     default, none = points[:2]
     assert (default.label, none.label, none.options.cutoffs) == ("default", "no cutoffs", SMOOTH)
-    assert {p.group for p in points[2:]} == set(GROUPS[:-3])
-    for group in GROUPS[:-3]:
+    assert {p.group for p in points[2:]} == set(GROUPS[:-4])
+    for group in GROUPS[:-4]:
         curve = [p for p in points if p.group == group]
         assert sum(p.key == default.key for p in curve) == 1, group
         assert len({p.key for p in curve}) == len(curve) > 1, group
@@ -156,7 +156,8 @@ def test_against_the_twin_with_the_same_cutoffs_only_rounding_is_left(few_points
 
 def test_the_default_is_measured_once_and_marked(few_points, faint):
     rows = [row for row in measure(faint, rounds=1)["rows"] if row["default"]]
-    assert len(rows) == len(GROUPS) - 3  # no slopes, curvatures, cuts and second ones, and none but the default is in no group
+    # no slopes, curvatures, cuts and second ones, and none but the default is in no group
+    assert len(rows) == len(GROUPS) - 3
     assert all({**row, "group": "", "setting": ""} == {**rows[0], "group": "", "setting": ""} for row in rows)
 
 
@@ -181,7 +182,7 @@ def test_the_image_is_over_the_background_of_the_scene(faint):
 
 
 def test_primitives_that_are_left_out_have_the_gradient_zero():
-    rng, splats = np.random.default_rng(1), rounded(random_splats(60, 3, 1, 0.5, 0.5, 0.5, 0.5))
+    rng, splats = np.random.default_rng(1), rounded(random_splats(60, 3, 1, 0.5, 0.5, 0.5, 0.5, 0.5))
     kept = np.sort(rng.permutation(60)[:25])
     model = Model.of(splats.select(kept), kept)
     gradients = {name: rng.normal(size=getattr(model.splats, name).shape) for name in raw_names(splats)}

@@ -22,7 +22,7 @@ from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.features import model_features, scene_features
-from mi_dogsplat.scene.row_groups import ALONG_AXES
+from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.presets import GIVEN
@@ -113,7 +113,8 @@ def test_slopes_and_cuts_are_needed_by_the_primitives_that_have_them(name, with_
     assert rest[0] == "paid, not needed" and rest[1].startswith(f"70 {others}")
     every = read([str(f) for f in model_features([with_rows(model(), every=1)])])
     assert every[name][0] == "needed" and f"{name} of others" not in every
-    zeros = dataclasses.replace(splats, **{name: 0 * getattr(splats, name) for name in ALONG_AXES})
+    values = [name for group in OWN_AXES for name in group.names]
+    zeros = dataclasses.replace(splats, **{value: 0 * getattr(splats, value) for value in values})
     unneeded = read([str(f) for f in model_features([zeros])])[f"{name} that are zero"]
     assert unneeded == ("paid, not needed", f"10, {10 * int(size.split()[2])} bytes; dogsplat clean takes them out")
 
