@@ -1,4 +1,4 @@
-"""The bytes of slopes, curvatures and cuts in a compressed PLY: how near they are, how many they are, and how damage is told."""
+"""The bytes of slopes, curvatures and cuts in a compressed PLY: how near they are, how many, how damage is told."""
 
 import struct
 from collections.abc import Callable

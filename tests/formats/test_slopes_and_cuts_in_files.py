@@ -1,4 +1,4 @@
-"""Slopes, curvatures and cuts in files: a PLY keeps them, a compressed one in bytes; others leave them out and say so."""
+"""Slopes, curvatures and cuts in files: a PLY keeps them, a compressed one in bytes; others say they leave them out."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
