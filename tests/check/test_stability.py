@@ -68,7 +68,8 @@ OTHERS = {
 
 
 ORDINARY = {
-    "slopes": "slopes: ordinary", "cuts": "cuts: ordinary", "curvatures": "curvatures: ordinary", "second cuts": "cuts: 300 that two planes cut off"
+    "slopes": "slopes: ordinary", "cuts": "cuts: ordinary", "curvatures": "curvatures: ordinary",
+    "second cuts": "cuts: 300 that two planes cut off",
 }  # fmt: skip
 
 

@@ -156,7 +156,8 @@ def test_against_the_twin_with_the_same_cutoffs_only_rounding_is_left(few_points
 
 def test_the_default_is_measured_once_and_marked(few_points, faint):
     rows = [row for row in measure(faint, rounds=1)["rows"] if row["default"]]
-    assert len(rows) == len(GROUPS) - 3  # no slopes, curvatures, cuts and second ones, and none but the default is in no group
+    # No slopes, curvatures, cuts and second ones, and none but the default is in no group.
+    assert len(rows) == len(GROUPS) - 3
     assert all({**row, "group": "", "setting": ""} == {**rows[0], "group": "", "setting": ""} for row in rows)
 
 
