@@ -38,8 +38,8 @@ def test_the_primitive_that_is_not_finite_has_no_gradient_and_leaves_its_neighbo
 
 def test_all_that_must_be_covered_is():
     groups = {case.group for case in CASES.values()}
-    assert groups == {"shape", "size", "opacity", "colour", "depth", "quaternion", "DoG", "slopes", "cuts",
-                      "not finite", "camera"}  # fmt: skip
+    assert groups == {"shape", "size", "opacity", "colour", "depth", "quaternion", "DoG", "slopes", "curvatures",
+                      "cuts", "not finite", "camera"}  # fmt: skip
     assert len(CASES) == len(list(cases(layers=1000)))  # no two of one name
     assert sum(len(case.extreme) == 10_000 for case in cases()) == 5
 

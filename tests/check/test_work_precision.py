@@ -76,8 +76,8 @@ def test_the_default_is_a_point_on_every_curve_and_every_knob_is_turned_alone(fe
     points = settings(faint)
     default, none = points[:2]
     assert (default.label, none.label, none.options.cutoffs) == ("default", "no cutoffs", SMOOTH)
-    assert {p.group for p in points[2:]} == set(GROUPS[:-3])
-    for group in GROUPS[:-3]:
+    assert {p.group for p in points[2:]} == set(GROUPS[:-4])
+    for group in GROUPS[:-4]:
         curve = [p for p in points if p.group == group]
         assert sum(p.key == default.key for p in curve) == 1, group
         assert len({p.key for p in curve}) == len(curve) > 1, group
@@ -182,7 +182,7 @@ def test_the_image_is_over_the_background_of_the_scene(faint):
 
 
 def test_primitives_that_are_left_out_have_the_gradient_zero():
-    rng, splats = np.random.default_rng(1), rounded(random_splats(60, 3, 1, 0.5, 0.5, 0.5, 0.5))
+    rng, splats = np.random.default_rng(1), rounded(random_splats(60, 3, 1, 0.5, 0.5, 0.5, 0.5, 0.5))
     kept = np.sort(rng.permutation(60)[:25])
     model = Model.of(splats.select(kept), kept)
     gradients = {name: rng.normal(size=getattr(model.splats, name).shape) for name in raw_names(splats)}
