@@ -16,8 +16,8 @@ from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.fit import Look
-from own_axes_models import EACH_PLANE
-from sloped_models import with_slopes
+from own_axes_models import CURVED, EACH_PLANE, SLOPED
+from row_kinds import of_each
 from splat_scenes import make_splats, rounded
 
 FAST = {"views": 8, "size": (40, 30)}
@@ -89,15 +89,17 @@ def test_dog_are_fitted_if_asked_for_and_a_dog_model_may_come_in(capsys, tmp_pat
         assert status == 0 and found.n_splats == 20 and bool(found.n_dog) == dog
 
 
-def test_a_model_with_slopes_may_come_in_and_what_is_fitted_makes_up_for_them(capsys, tmp_path):
-    truth = with_slopes(surface(), every=1)
-    truth.color_slopes[:] = truth.color_slopes[:1] * 2  # what is merged would see them too, were they all different
+@of_each(SLOPED, CURVED)
+def test_a_model_with_slopes_or_curvatures_may_come_in_and_what_is_fitted_makes_up_for_them(capsys, tmp_path, kind):
+    truth = kind.having(surface(), every=1)
+    # What is merged would see slopes too, were they all different. Curvatures make a blend brighter than their average.
+    kind.values(truth)[:] = kind.values(truth)[:1] * 2 if kind is SLOPED else [0.5, 0.5, 0.5, 0, 0, 0]
     write_ply(tmp_path / "m.ply", truth)
     write_ply(tmp_path / "flat.ply", truth.without_slopes())
     flags = ["--target", "60", *FLAGS]
     status, printed, _ = run(capsys, "simplify", tmp_path / "m.ply", "-o", tmp_path / "o.ply", "--steps", "60", *flags)
     said = "the slopes of 900 primitives are left out: what is merged has none"
-    assert status == 0 and printed.splitlines()[0] == said and read_ply(tmp_path / "o.ply").n_slopes == 0
+    assert status == 0 and printed.splitlines()[0] == said and kind.n(read_ply(tmp_path / "o.ply")) == 0
     _, printed, _ = run(capsys, "simplify", tmp_path / "flat.ply", "-o", tmp_path / "p.ply", "--steps", "60", *flags)
     assert "left out" not in printed
     assert quality(read_ply(tmp_path / "o.ply"), truth) > quality(read_ply(tmp_path / "p.ply"), truth)

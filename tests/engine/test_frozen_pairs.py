@@ -40,7 +40,10 @@ OPTIONS = ({}, {"patch": 1}, {"patch": 2}, {"negative_transmittance": False}, {"
            {"cut_share": 0.5, "dog_share": 0}, {"second_cut_share": 0.7}, {"cut_share": 0.5, "second_cut_share": 0.5},
            {"dog_share": 0, "patch": 1})
 SLOPED = (*OPTIONS, {"slope_share": 0.5}, {"slope_share": 0.5, "dog_share": 0}, {"slope_share": 0.5, "patch": 1},
-          {"slope_share": 0.5, "cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 0.5, "second_cut_share": 0.5})
+          {"slope_share": 0.5, "cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 0.5, "second_cut_share": 0.5},
+          {"curvature_share": 0.5}, {"curvature_share": 0.5, "dog_share": 0}, {"curvature_share": 0.5, "patch": 1},
+          {"curvature_share": 0.5, "cut_share": 0.5}, {"curvature_share": 0.5, "slope_share": 0.5},
+          {"curvature_share": 0.5, "slope_share": 0.5, "cut_share": 0.5, "second_cut_share": 0.5})
 RULES = ({}, {"kind": "released"}, {"kind": "leave-one-out"}, {"spectral_weight": 0}, {"spatial_weight": 0},
          {"kind": "leave-one-out", "spectral_weight": 0}, {"gamma_f": 2, "probes": 0}, {"probes": 2}, {"probes": 3},
          {"kind": "leave-one-out", "gamma_f": 2, "probes": 0}, {"spatial_weight": 0, "probes": 2},
@@ -48,14 +51,15 @@ RULES = ({}, {"kind": "released"}, {"kind": "leave-one-out"}, {"spectral_weight"
 
 
 @cache
-def model(dog_share: float, slope_share: float = 0, cut_share: float = 0, second_cut_share: float = 0):
-    return rounded(random_splats(10, 3, 1, dog_share, slope_share, cut_share, second_cut_share))
+def model(dog_share: float, slope_share: float = 0, cut_share: float = 0, second_cut_share: float = 0,
+          curvature_share: float = 0):  # fmt: skip
+    return rounded(random_splats(10, 3, 1, dog_share, slope_share, cut_share, second_cut_share, curvature_share))
 
 
 def view_of(
-    dog_share=0.5, blocks=None, slope_share=0.0, cut_share=0.0, second_cut_share=0.0, **chosen
+    dog_share=0.5, blocks=None, slope_share=0.0, cut_share=0.0, second_cut_share=0.0, curvature_share=0.0, **chosen
 ) -> WalkableView:
-    splats = model(dog_share, slope_share, cut_share, second_cut_share)
+    splats = model(dog_share, slope_share, cut_share, second_cut_share, curvature_share)
     return prepare(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen), blocks)
 
 
@@ -104,7 +108,7 @@ def found(names=("median_depth", "index", "count", "dog_share"), dog_share=0.5, 
 
 
 def products(order=None, background=0.3, **chosen) -> np.ndarray:
-    shares = (("dog_share", 0.5), ("slope_share", 0), ("cut_share", 0), ("second_cut_share", 0))
+    shares = (("dog_share", 0.5), ("slope_share", 0), ("cut_share", 0), ("second_cut_share", 0), ("curvature_share", 0))
     splats = model(*(chosen.pop(*share) for share in shares))
     pictured, patches = prepare_both(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen),
                                      patch_blocks())

@@ -1,4 +1,4 @@
-"""The bytes of slopes and cuts in a compressed PLY: how near they are, how many they are, and how damage is told."""
+"""The bytes of slopes, curvatures and cuts in a compressed PLY: how near they are, how many, how damage is told."""
 
 import struct
 from collections.abc import Callable
@@ -10,28 +10,33 @@ import pytest
 from cut_models import kept_shares, with_cuts
 from mi_dogsplat import read_model
 from mi_dogsplat.formats import compressed_ply
+from mi_dogsplat.formats.trailer import CURVATURES as CURVATURE_ROWS
 from mi_dogsplat.formats.trailer import CUTS as CUT_ROWS
 from mi_dogsplat.formats.trailer import SECOND_CUTS as SECOND_CUT_ROWS
 from mi_dogsplat.formats.trailer import SLOPES as SLOPE_ROWS
 from mi_dogsplat.formats.trailer import Rows, encode
-from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from places import points_in
 from row_kinds import RowKind, of_each
-from sloped_models import with_slopes
+from sloped_models import with_curvatures, with_slopes
 from splat_scenes import random_splats, rounded
 
 N = 2000
 GAPS = [0, 1, 254, 255, 256, 257, 511, 512, 768, 1999]  # primitives with rows: steps around those of a byte
 
 
-def some_strong(n: int) -> np.ndarray:
-    return np.clip(np.random.default_rng(1).standard_cauchy((n, 3, 3)) * 0.1, -5, 5)
+def some_strong(n: int, *shape: int) -> np.ndarray:
+    return np.clip(np.random.default_rng(1).standard_cauchy((n, *shape)) * 0.1, -5, 5)
 
 
 def slopes_changed(back: Splats, truth: Splats) -> float:
     return float(np.abs(back.color_slopes - truth.color_slopes).mean())
+
+
+def curvatures_changed(back: Splats, truth: Splats) -> float:
+    return float(np.abs(back.brightness_curvatures - truth.brightness_curvatures).mean())
 
 
 def normals(n: int) -> np.ndarray:
@@ -59,19 +64,27 @@ class Kind(RowKind):
         before = self.before(rounded(random_splats(N, seed=4, degree=1, dog_share=dog_share)))
         return replace(before, **{self.group.index: np.array(index, np.uint32), self.name: self.random(len(index))})
 
+    def without(self, splats: Splats) -> Splats:
+        """All else as it is: curvatures that go leave no mean brightness."""
+        return replace(splats, **{self.group.index: np.zeros(0, np.uint32), self.name: self.random(0)})
 
-SLOPED = Kind("slopes", SLOPES, SLOPE_ROWS, 1 / 64, some_strong, slopes_changed)
+
+SLOPED = Kind("slopes", SLOPES, SLOPE_ROWS, 1 / 64, lambda n: some_strong(n, 3, 3), slopes_changed)
+CURVED = Kind("curvatures", CURVATURES, CURVATURE_ROWS, 1 / 64, lambda n: some_strong(n, 6), curvatures_changed)
+BEHIND_SLOPES = replace(CURVED, before=partial(with_slopes, every=5))
 CUT = Kind("cuts", CUTS, CUT_ROWS, 1, normals, kept_share_changed)
 BEHIND = replace(CUT, before=partial(with_slopes, every=5))
 SECOND_CUT = Kind(
     "second_cuts", SECOND_CUTS, SECOND_CUT_ROWS, 1, normals, partial(kept_share_changed, plane=SECOND_CUTS)
 )
-BEHIND_ALL = replace(SECOND_CUT, before=lambda splats: with_cuts(with_slopes(splats, every=5), every=4))
+BEHIND_ALL = replace(
+    SECOND_CUT, before=lambda splats: with_cuts(with_curvatures(with_slopes(splats, every=5), every=6), every=4)
+)
 
 
 @pytest.mark.parametrize("index", [GAPS, [0], [1999], [1020], range(N), range(0, N, 3), range(0, N, 700), []])
 @pytest.mark.parametrize("dog_share", [0, 0.3])
-@of_each(SLOPED, CUT, BEHIND, SECOND_CUT, BEHIND_ALL)
+@of_each(SLOPED, CURVED, BEHIND_SLOPES, CUT, BEHIND, SECOND_CUT, BEHIND_ALL)
 def test_they_are_within_half_a_step_and_nothing_else_changes(kind, index, dog_share, tmp_path):
     truth, path = kind.model(index, dog_share), tmp_path / "model.compressed.ply"
     path.write_bytes(compressed_ply.encode(truth))
@@ -103,6 +116,20 @@ def test_rows_of_slopes_by_hand():
     assert rows[1, 0] == 255 and rows[2].tolist() == [0, 0, 255, 0, 0, 0, 0, 0, 0, 255]
 
 
+def test_rows_of_curvatures_by_hand():
+    curvatures = np.zeros((2, 6))
+    curvatures[0, 1], curvatures[1, 5] = -1 / 64, 3 / 64  # -log 2 and log 4, each the end of its column
+    rows = {"curvature_index": np.array([2, 258]), "brightness_curvatures": curvatures}
+    comments, trailer = encode(replace(rounded(random_splats(600, dog_share=0)), **rows))
+    assert comments == ["dogsplat curvatures 1 3"]
+    low, high = np.array(struct.unpack_from("<12f", trailer)).reshape(2, 6)
+    assert low == pytest.approx([0, -np.log(2), 0, 0, 0, 0], abs=1e-6)
+    assert high == pytest.approx([0, 0, 0, 0, 0, np.log(4)], abs=1e-6)
+    rows = np.frombuffer(trailer, np.uint8, offset=48).reshape(3, 7)
+    assert rows[0].tolist() == [2, 0, 0, 0, 0, 0, 0]
+    assert rows[1, 0] == 255 and rows[2].tolist() == [0, 0, 255, 0, 0, 0, 255]
+
+
 @of_each(CUT, SECOND_CUT)
 def test_rows_of_cuts_by_hand(kind):
     normals = np.array([[0, -1, 0], [0, 0, 3.0]])  # -log 2 and log 4, each the end of its column
@@ -116,8 +143,9 @@ def test_rows_of_cuts_by_hand(kind):
 
 
 @pytest.mark.parametrize(
-    ("kind", "bounds_bytes", "row_bytes"), [(SLOPED, 72, 10), (BEHIND, 24, 4), (BEHIND_ALL, 24, 4)],
-    ids=["slopes", "cuts", "second_cuts"],
+    ("kind", "bounds_bytes", "row_bytes"),
+    [(SLOPED, 72, 10), (BEHIND_SLOPES, 48, 7), (BEHIND, 24, 4), (BEHIND_ALL, 24, 4)],
+    ids=["slopes", "curvatures", "cuts", "second_cuts"],
 )  # fmt: skip
 def test_what_a_row_takes(kind, bounds_bytes, row_bytes):
     full = kind.model(range(0, N, 2), dog_share=0.5)
@@ -128,7 +156,7 @@ def test_what_a_row_takes(kind, bounds_bytes, row_bytes):
 
 def test_the_kinds_stand_in_their_order_and_a_model_of_none_has_no_byte_of_them():
     full = BEHIND_ALL.model(dog_share=0.5)
-    assert [line.split()[1] for line in encode(full)[0]] == ["dog", "slopes", "cuts", "second_cuts"]
+    assert [line.split()[1] for line in encode(full)[0]] == ["dog", "slopes", "curvatures", "cuts", "second_cuts"]
     assert b"dogsplat" not in compressed_ply.encode(full.plain().without_slopes().without_cuts())
 
 
@@ -151,6 +179,11 @@ def test_normals_of_any_size_can_be_read_again(kind, normal, tmp_path):
         (SLOPED, lambda b: b[:-1], "bytes follow the last element"),
         (SLOPED, lambda b: b + b"x", "bytes follow the last element"),
         (SLOPED, lambda b: b[:-10] + b"\xfe" + b[-9:], "a slope row is for primitive"),
+        (BEHIND_SLOPES, lambda b: b.replace(b"curvatures 1 ", b"curvatures 2 "), "its curvature rows are of version 2"),
+        (BEHIND_SLOPES, lambda b: b.replace(b"curvatures 1 ", b"curvature 1 "), "0 curvature rows are 0"),
+        (BEHIND_SLOPES, lambda b: b.replace(b"slopes 1 ", b"slides 1 "), "0 slope rows are 0"),
+        (BEHIND_SLOPES, lambda b: b[:-1], "bytes follow the last element"),
+        (BEHIND_SLOPES, lambda b: b[:-7] + b"\xfe" + b[-6:], "a curvature row is for primitive"),
         (BEHIND, lambda b: b.replace(b"cuts 1 ", b"cuts 2 "), "its cut rows are of version 2, known is 1"),
         (BEHIND, lambda b: b.replace(b"cuts 1 ", b"cats 1 "), "0 cut rows are 0"),
         (BEHIND, lambda b: b.replace(b"slopes 1 ", b"slides 1 "), "0 slope rows are 0"),
@@ -159,6 +192,7 @@ def test_normals_of_any_size_can_be_read_again(kind, normal, tmp_path):
         (BEHIND_ALL, lambda b: b.replace(b"second_cuts 1 ", b"second_cuts 2 "), "its second cut rows are of version 2"),
         (BEHIND_ALL, lambda b: b.replace(b"second_cuts 1 ", b"second_cats 1 "), "0 second cut rows are 0"),
         (BEHIND_ALL, lambda b: b.replace(b"dogsplat cuts 1 ", b"dogsplat cats 1 "), "0 cut rows are 0"),
+        (BEHIND_ALL, lambda b: b.replace(b"curvatures 1 ", b"curvature 1 "), "0 curvature rows are 0"),
         (BEHIND_ALL, lambda b: b[:-1], "bytes follow the last element"),
         (BEHIND_ALL, lambda b: b[:-4] + b"\xfe" + b[-3:], "a second cut row is for primitive"),
     ],
@@ -181,6 +215,10 @@ def test_damage_is_told_in_one_line(kind, damage, complaint, tmp_path):
         (SLOPED, (1, *(0,) * 17)),
         (SLOPED, (0,) * 17 + (np.inf,)),
         (SLOPED, (0,) * 9 + (1e5,) * 9),
+        (CURVED, (np.nan,) * 12),
+        (CURVED, (1, *(0,) * 11)),
+        (CURVED, (0,) * 11 + (np.inf,)),
+        (CURVED, (0,) * 6 + (1e5,) * 6),
         (CUT, (np.nan,) * 6),
         (CUT, (1, *(0,) * 5)),
         (CUT, (0,) * 3 + (90.0,) * 3),

@@ -1,4 +1,4 @@
-"""Slopes and cuts in files: a PLY keeps them, a compressed one in bytes; others leave them out and say so."""
+"""Slopes, curvatures and cuts in files: a PLY keeps them, a compressed one in bytes; others say they leave them out."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from mi_dogsplat.formats.sizes import KINDS, FileKind, by_part, prices
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.formats.upright import upright
 from mi_dogsplat.scene.radiance import brightened
-from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, SLOPES
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.whole import whole
 from places import points_in
 from row_kinds import RowKind, of_each
-from sloped_models import slope_colors, with_slopes
+from sloped_models import curvature_brightness, slope_colors, with_curvatures, with_slopes
 from splat_scenes import random_splats, rounded
 
 
@@ -43,12 +43,16 @@ def with_slopes_and_cuts(splats: Splats) -> Splats:
 
 
 def with_all(splats: Splats) -> Splats:
-    return with_second_cuts(with_slopes_and_cuts(splats), every=3)
+    return with_second_cuts(with_curvatures(with_slopes_and_cuts(splats), every=4), every=3)
 
 
 SLOPED = Kind(
     "slopes", SLOPES, partial(with_slopes, every=3), Splats.without_slopes,
     "no colour that varies over a primitive: the slopes of 100 are left out", 40, slope_colors, 2e-4, "slopes",
+)  # fmt: skip
+CURVED = Kind(
+    "curvatures", CURVATURES, partial(with_curvatures, every=3), Splats.without_curvatures, SLOPED.said, 28,
+    curvature_brightness, 2e-4, "slopes",
 )  # fmt: skip
 CUT = Kind(
     "cuts", CUTS, with_slopes_and_cuts, whole,
@@ -57,7 +61,7 @@ CUT = Kind(
 SECOND_CUT = Kind(
     "second_cuts", SECOND_CUTS, with_all, whole, CUT.said, 16, partial(kept_shares, plane=SECOND_CUTS), 1e-3, "cuts"
 )
-each_kind = of_each(SLOPED, CUT, SECOND_CUT)
+each_kind = of_each(SLOPED, CURVED, CUT, SECOND_CUT)
 NO_ROOM = [".glb", ".gltf", ".sog", ".splat", ".spz"]
 
 
@@ -83,14 +87,15 @@ def test_they_go_through_a_compressed_ply_by_name_in_its_order(kind, tmp_path):
     np.testing.assert_allclose(kind.values(back), kind.values(expected), atol=0.03, rtol=0.03)
 
 
-def test_slopes_go_through_a_compressed_ply_in_units_of_white(tmp_path):
-    truth = SLOPED.model(2000)
+@of_each(SLOPED, CURVED)
+def test_what_is_a_colour_goes_through_a_compressed_ply_in_units_of_white(kind, tmp_path):
+    truth = kind.model(2000)
     write_model(tmp_path / "a.compressed.ply", truth)
-    slopes = read_model(tmp_path / "a.compressed.ply").splats.color_slopes
+    values = kind.values(read_model(tmp_path / "a.compressed.ply").splats)
     linear = Model(brightened(truth, 40.0), Drawing(linear=True, white=40.0))
     assert write_model(tmp_path / "b.compressed.ply", linear) == []
-    found = read_model(tmp_path / "b.compressed.ply").splats.color_slopes
-    np.testing.assert_allclose(found, 40 * slopes, rtol=1e-3, atol=1e-4)
+    found = kind.values(read_model(tmp_path / "b.compressed.ply").splats)
+    np.testing.assert_allclose(found, 40 * values, rtol=1e-3, atol=1e-4)
 
 
 @each_kind

@@ -52,6 +52,11 @@ def slope_columns(splats: Splats) -> dict[str, np.ndarray]:
     return {"index": splats.slope_index} | values
 
 
+def curvature_columns(splats: Splats) -> dict[str, np.ndarray]:
+    """The element ``curvatures`` by column."""
+    return {"index": splats.curvature_index} | {f"curvature_{k}": splats.brightness_curvatures[:, k] for k in range(6)}
+
+
 def cut_columns(splats: Splats, plane: RowGroup = CUTS) -> dict[str, np.ndarray]:
     """The element ``cuts``, or that of another plane, by column."""
     (name,) = plane.names

@@ -14,8 +14,8 @@ from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.info import describe, model_problems
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-from own_axes_models import CUT, SECOND_CUT, Kind
-from sloped_models import with_slopes
+from own_axes_models import CURVED, CUT, SECOND_CUT, SLOPED, Kind
+from row_kinds import of_each
 
 
 def healthy(n: int = 200) -> Splats:
@@ -64,16 +64,17 @@ def test_a_mixed_model_is_counted_by_sh_degree_and_its_bytes_by_part(tmp_path):
     assert names == ["primitives", "sh1", "dog"]
 
 
-def test_slopes_are_counted_where_there_are_some(tmp_path):
-    splats = with_slopes(healthy(), every=50)
-    splats.color_slopes[:] = np.linspace(-0.25, 1.75, 36).reshape(4, 3, 3)
+@of_each(SLOPED, CURVED)
+def test_slopes_and_curvatures_are_counted_where_there_are_some(tmp_path, kind: Kind):
+    splats = kind.having(healthy(), every=50)
+    kind.values(splats)[:] = np.linspace(-0.25, 1.75, kind.values(splats).size).reshape(4, *kind.shape)
     write_ply(tmp_path / "m.ply", splats)
     lines = describe(tmp_path / "m.ply")
-    assert value_of(lines, "primitives") == "200, 3 of them DoG, 4 with slopes"
-    assert value_of(lines, "slopes") == "-0.25 to 1.75, median 0.75" and lines[-1] == "problems: none found"
+    assert value_of(lines, "primitives") == f"200, 3 of them DoG, 4 with {kind.word}"
+    assert value_of(lines, kind.word) == "-0.25 to 1.75, median 0.75" and lines[-1] == "problems: none found"
     write_ply(tmp_path / "rows.ply", splats.with_sh_degrees(np.repeat([0, 1], [150, 50])), "rows")
     parts = value_of(describe(tmp_path / "rows.ply"), "bytes of").split(", ")
-    assert parts[-1].startswith("slopes ") and parts[-2].startswith("dog ")
+    assert parts[-1].startswith(f"{kind.word} ") and parts[-2].startswith("dog ")
 
 
 @pytest.mark.parametrize(
@@ -95,7 +96,7 @@ def test_cuts_are_counted_where_there_are_some(tmp_path, kind: Kind, what, norma
 def test_a_model_without_dog_says_nothing_about_it(tmp_path):
     write_ply(tmp_path / "m.ply", tiny_data.truth())
     for line in describe(tmp_path / "m.ply"):
-        assert not line.startswith("  DoG") and "slopes" not in line and "cut" not in line
+        assert not line.startswith("  DoG") and not any(word in line for word in ("slopes", "cut", "curv"))
 
 
 @pytest.mark.parametrize(
@@ -152,7 +153,7 @@ def test_a_complete_run_shows_its_result(tmp_path):
     assert lines[-1] == "problems: none found"
 
 
-def test_a_run_that_gives_slopes_to_primitives_tells_of_how_many(tmp_path):
+def test_a_run_that_gives_rows_to_primitives_tells_of_how_many(tmp_path):
     run = write_run(tmp_path)
     metrics = json.loads((run / "metrics.json").read_text())
     (run / "metrics.json").write_text(json.dumps(metrics | {"n_slopes": 1234}))
@@ -161,6 +162,8 @@ def test_a_run_that_gives_slopes_to_primitives_tells_of_how_many(tmp_path):
     assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 1,234 with slopes, 5 with a cut"
     (run / "metrics.json").write_text(json.dumps(metrics | {"n_cuts": 5, "n_second_cuts": 4}))
     assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 5 with a cut, 4 with a second"
+    (run / "metrics.json").write_text(json.dumps(metrics | {"n_slopes": 6, "n_curvatures": 0, "n_cuts": 5}))
+    assert value_of(describe(run), "primitives").endswith("DoG, 6 with slopes, 0 with curvatures, 5 with a cut")
 
 
 def test_an_interrupted_run_shows_how_far_it_came(tmp_path):

@@ -10,8 +10,8 @@ from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.inspection.unneeded import FADED, Unneeded, used_sh_degrees
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.splats import Splats
-from own_axes_models import EACH_KIND, EACH_PLANE, PLANE_KINDS, SLOPED, Kind
-from sloped_models import with_slopes
+from own_axes_models import CURVED, EACH_KIND, EACH_PLANE, PLANE_KINDS, SLOPED, Kind
+from row_kinds import of_each
 from splat_scenes import logit, make_camera, make_splats, random_splats, rounded
 
 CUTOFF = 1 / 255
@@ -33,11 +33,11 @@ def wasteful(seed=0) -> Splats:
     return splats
 
 
-def sloped(seed=0) -> Splats:
-    """The same, and every third primitive has slopes, of which each fourth row is zero."""
-    splats = with_slopes(wasteful(seed), every=3)
-    splats.color_slopes[::4] = 0
-    splats.color_slopes[1, 2] = 0  # not all of the row
+def varied(kind: Kind) -> Splats:
+    """The same, and every third primitive has slopes or curvatures, of which each fourth row is zero."""
+    splats = kind.having(wasteful(), every=3)
+    kind.values(splats)[::4] = 0
+    kind.values(splats)[1, 2] = 0  # not all of the row
     return splats
 
 
@@ -63,25 +63,27 @@ def test_pictures_keep_their_bits_where_all_dog_have_faded():
         assert np.array_equal(before, after)
 
 
-def test_zero_slopes_leave_and_the_others_keep_the_bits_of_every_picture():
-    splats = sloped()
+@of_each(SLOPED, CURVED)
+def test_zero_slopes_and_curvatures_leave_and_the_others_keep_the_bits_of_every_picture(kind):
+    splats = varied(kind)
     found = Unneeded.of(splats)
-    lean = found.taken_out(splats)
-    seen = splats.slope_index % 5 != 0  # not faint
-    assert found.zero_slopes.tolist() == (seen & (np.arange(27) % 4 == 0)).tolist() and found.zero_slopes.sum() == 5
-    assert lean.n_slopes == seen.sum() - 5
-    flat = Unneeded.of(splats.without_slopes()).taken_out(splats.without_slopes())
+    lean, zeros = found.taken_out(splats), getattr(found, f"zero_{kind.word}")
+    seen = kind.index(splats) % 5 != 0  # not faint
+    assert zeros.tolist() == (seen & (np.arange(27) % 4 == 0)).tolist() and zeros.sum() == 5
+    assert kind.n(lean) == seen.sum() - 5
+    flat = Unneeded.of(kind.without(splats)).taken_out(kind.without(splats))
     for before, after, other in zip(pictures(splats), pictures(lean), pictures(flat), strict=True):
         assert np.array_equal(before, after) and not np.array_equal(before, other)
 
 
-def test_pictures_keep_their_bits_where_all_slopes_are_zero():
-    """The kernels of a model without slopes are others."""
-    splats = sloped()
-    splats.color_slopes[:] = 0
-    splats.color_slopes[::2] = -0.0
+@of_each(SLOPED, CURVED)
+def test_pictures_keep_their_bits_where_all_slopes_or_curvatures_are_zero(kind):
+    """The kernels of a model without any are others."""
+    splats = varied(kind)
+    kind.values(splats)[:] = 0
+    kind.values(splats)[::2] = -0.0
     lean = Unneeded.of(splats).taken_out(splats)
-    assert splats.n_slopes and not lean.n_slopes
+    assert kind.n(splats) and not kind.n(lean)
     for before, after in zip(pictures(splats), pictures(lean), strict=True):
         assert np.array_equal(before, after)
 
@@ -134,7 +136,7 @@ def test_a_faint_primitive_stays_where_its_cuts_make_it_visible(opacity, shown):
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @EACH_KIND
 def test_rows_that_are_not_finite_are_drawn_by_no_kernel(value, kind):
-    splats = sloped() if kind is SLOPED else cut_off(kind)
+    splats = cut_off(kind) if kind in PLANE_KINDS else varied(kind)
     kind.values(splats)[2, 1, ...] = value
     row = int(kind.index(splats)[2])
     assert row % 5 and Unneeded.of(splats).invisible[row]
@@ -203,8 +205,9 @@ def test_each_kind_is_named_with_its_number_and_bytes():
         f"DoG without effect: {found.faded_dog.sum()}, {found.faded_dog.sum() * 20} bytes",
         f"zero bands of SH degree 2: 64, {64 * 15 * 4 / 1000:.3g} kB",
     ]
-    slopes = [line for line in Unneeded.of(sloped()).described(sloped()) if "slopes" in line]
-    assert slopes == ["slopes that are zero: 5, 200 bytes"]
+    for kind, size in ((SLOPED, 200), (CURVED, 140)):
+        said = Unneeded.of(varied(kind)).described(varied(kind))
+        assert [line for line in said if kind.word in line] == [f"{kind.word} that are zero: 5, {size} bytes"]
     for kind in PLANE_KINDS:
         cuts = [line for line in Unneeded.of(cut_off(kind)).described(cut_off(kind)) if "cuts" in line]
         assert cuts == [f"{kind.word.replace('_', ' ')} that are zero: 5, 80 bytes"]

@@ -53,6 +53,11 @@ def exact_loss(raw: dict, color: np.ndarray, camera, adjoint: np.ndarray, antial
     inverse /= covariance[0, 0] * covariance[1, 1] - covariance[0, 1] ** 2
     w = offsets.T @ (inverse @ A)  # [P, 3]
     colors = color + w @ raw["color_slopes"] if "color_slopes" in raw else color
+    if "brightness_curvatures" in raw:
+        xx, yy, zz, xy, xz, yz = raw["brightness_curvatures"]
+        x, y, z = w.T
+        brighter = (xx * x * x + yy * y * y + zz * z * z) / 2 + xy * x * y + xz * x * z + yz * y * z
+        colors = colors + brighter[:, None]
     plane = Decimal(-4)
     for normal in [raw[name] for name in ("cut_normals", "second_cut_normals") if name in raw]:
         alpha = alpha * np.array([(1 + plane.exp()) / (1 + (plane - n).exp()) for n in w @ normal])
@@ -97,7 +102,7 @@ EXTREMES = {
 }
 
 
-@pytest.mark.parametrize("varies", ["even", "slopes", "slopes and cut", "steep cut", "cut twice"])
+@pytest.mark.parametrize("varies", ["even", "slopes", "slopes and cut", "steep cut", "cut twice", "curvatures", "all"])
 @pytest.mark.parametrize("antialiased", [False, True])
 @pytest.mark.parametrize("case", EXTREMES)
 def test_gradients_of_extreme_primitives_have_ten_digits(case, antialiased, varies):
@@ -105,19 +110,25 @@ def test_gradients_of_extreme_primitives_have_ten_digits(case, antialiased, vari
     quat = changes.pop("length") * axis_rotation([0.3, -0.5, 0.8], 1.1)[1]
     splats = make_splats(changes.pop("means"), opacities=0.7, colors=(0.2, 0.5, 0.9), quats=quat, dog=[0],
                          f_a=0.6, F=(1.5, 1.2, 1.8), **changes)
+    varies = "slopes, curvatures and cut twice" if varies == "all" else varies
     if "slopes" in varies:
         splats.slope_index, splats.color_slopes = np.array([0]), np.random.default_rng(1).normal(size=(1, 3, 3))
+    if "curvatures" in varies:
+        splats.curvature_index = np.array([0])
+        splats.brightness_curvatures = np.random.default_rng(2).normal(size=(1, 6))
     if "cut" in varies:
         steep = 30 if "steep" in varies else 1
         splats.cut_index, splats.cut_normals = np.array([0]), steep * np.array([[3.0, -2, 1.5]])
     if "twice" in varies:
         splats.second_cut_index, splats.second_cut_normals = np.array([0]), np.array([[1.0, 3, -2]])
+    # One axis is 10⁶ times the others, and so is the rounding of products of two: 5e-10 of a turn is found.
+    needle_curves = case == "huge needle" and "curvatures" in varies
     camera = tilted_camera(5, 4, f=4.0)
     adjoint = np.random.default_rng(0).normal(size=(4, 5, 3))
     got = gradients_tiled(splats, camera, adjoint, BACKGROUND, antialiased=antialiased, min_alpha=0,
                           min_transmittance=0)
     for name, values in exact_gradients(splats, camera, adjoint, antialiased).items():
         assert values.any()
-        rtol = 1e-9 if varies == "steep cut" else 1e-10  # whose n.w may be in the hundreds
+        rtol = 1e-9 if varies == "steep cut" or needle_curves else 1e-10  # whose n.w may be in the hundreds
         atol = 0 if varies == "even" else rtol * np.abs(values).max()  # a turn of a needle moves its slopes about
         np.testing.assert_allclose(got[name], values, rtol=rtol, atol=atol, err_msg=name)

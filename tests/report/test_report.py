@@ -15,6 +15,8 @@ from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support import pictures
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.events import (
+    CurvaturesActivated,
+    CurvaturesLeftOut,
     CutsActivated,
     CutsLeftOut,
     Densified,
@@ -140,6 +142,8 @@ def test_every_kind_of_event_has_its_lane(run):
     ("lane", "events", "counted", "words"),
     [
         ("slopes", [SlopesActivated(7), SlopesLeftOut(2, 5)], {"n_slopes": 5432}, "5,432 with slopes"),
+        ("slopes", [CurvaturesActivated(7), CurvaturesLeftOut(2, 5)], {"n_curvatures": 4}, "4 with curvatures"),
+        ("slopes", [CurvaturesActivated(7)], {"n_slopes": 9, "n_curvatures": 8}, "9 with slopes, 8 with curvatures"),
         ("cuts", [CutsActivated(7), CutsLeftOut(2, 5)], {"n_cuts": 3210}, "3,210 with a cut"),
         ("cuts", [CutsActivated(7)], {"n_slopes": 9, "n_cuts": 8}, "9 with slopes, 8 with a cut"),
         ("cuts", [SecondCutsActivated(7), SecondCutsLeftOut(2, 5)], {"n_second_cuts": 3}, "3 with a second"),
@@ -148,7 +152,7 @@ def test_every_kind_of_event_has_its_lane(run):
 )
 def test_rows_have_a_lane_and_are_counted_where_a_run_gives_them(run, lane, events, counted, words):
     before = text_of(write_report(run))
-    assert f">{lane}</text>" not in before and "slopes" not in before and "a cut" not in before
+    assert f">{lane}</text>" not in before and not any(word in before for word in ("slopes", "curvatures", "a cut"))
     history = history_of(run)
     history[-1] |= row_of(events)
     (run / "history.jsonl").write_text("".join(json.dumps(row) + "\n" for row in history))

@@ -1,4 +1,4 @@
-"""Slopes of colours, and cuts: in memory, in a PLY file, under maps and in another unit of light."""
+"""Slopes, curvatures and cuts: in memory, in a PLY file, under maps and in another unit of light."""
 
 from dataclasses import replace
 from functools import partial
@@ -9,14 +9,23 @@ from cut_models import kept_shares, with_cuts, with_second_cuts
 from mi_dogsplat.scene.kinds import kinds, kinds_of
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.radiance import brightened
-from mi_dogsplat.scene.row_groups import CUTS, PLANES, SECOND_CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.errors import DataError
 from places import points_in
-from ply_files import cut_columns, dog_columns, random_splats, slope_columns, to_bytes, vertex_columns, write
-from sloped_models import slope_colors, with_slopes
-from splat_scenes import axis_rotation
+from ply_files import (
+    curvature_columns,
+    cut_columns,
+    dog_columns,
+    random_splats,
+    slope_columns,
+    to_bytes,
+    vertex_columns,
+    write,
+)
+from sloped_models import curvature_brightness, slope_colors, with_curvatures, with_slopes
+from splat_scenes import C0, axis_rotation
 from splat_scenes import random_splats as splats_in_view
 
 INDEX = [1, 3, 4, 6]
@@ -27,10 +36,12 @@ SHEAR = np.array([[1.2, 0.5, 0], [0, 0.7, -0.3], [0.1, 0, 2.0]])
 MAPS = {"turn": TURN, "mirror": MIRROR, "scale": 1.7 * np.eye(3), "point mirror": -0.4 * TURN, "shear": SHEAR,
         "mirrored shear": SHEAR @ MIRROR, "stretch": np.diag([1.0, 1, 3])}  # fmt: skip
 SECOND_COLUMNS = partial(cut_columns, plane=SECOND_CUTS)
-ROWS = {"slopes": (SLOPES, slope_columns), "cuts": (CUTS, cut_columns), "second_cuts": (SECOND_CUTS, SECOND_COLUMNS)}
+ROWS = {"slopes": (SLOPES, slope_columns), "curvatures": (CURVATURES, curvature_columns),
+        "cuts": (CUTS, cut_columns), "second_cuts": (SECOND_CUTS, SECOND_COLUMNS)}  # fmt: skip
 """By the element that holds them."""
-NAMES = {"slopes": "color_slopes", "cuts": "cut_normals", "second_cuts": "second_cut_normals"}
-TOLD = {"slopes": ("slope", "slope"), "cuts": ("cut", "cut"), "second_cuts": ("second cut", "cut")}  # a row, a column
+NAMES = {element: group.names[0] for element, (group, _) in ROWS.items()}
+TOLD = {"slopes": ("slope", "slope"), "curvatures": ("curvature", "curvature"), "cuts": ("cut", "cut"),
+        "second_cuts": ("second cut", "cut")}  # a row, a column  # fmt: skip
 each_kind = pytest.mark.parametrize("element", ROWS)
 
 
@@ -46,7 +57,12 @@ def model(element: str, index=INDEX, **others) -> Splats:
 
 
 def model_of_all() -> Splats:
-    return with_rows(with_rows(model("slopes"), CUTS, [0, 3, 6]), SECOND_CUTS, [0, 2, 3])
+    splats = with_rows(model("slopes"), CURVATURES, [0, 1])
+    return with_rows(with_rows(splats, CUTS, [0, 3, 6]), SECOND_CUTS, [0, 2, 3])
+
+
+def with_all(splats: Splats, every: int = 2) -> Splats:
+    return with_second_cuts(with_cuts(with_curvatures(with_slopes(splats, every), every), every), every)
 
 
 def without(splats: Splats, element: str) -> Splats:
@@ -89,11 +105,11 @@ def test_they_stand_beside_degrees_of_single_primitives(tmp_path, layout, elemen
     same(read_ply(tmp_path / "a.ply"), mixed if layout == "rows" else mixed.uniform_sh())
 
 
-@pytest.mark.parametrize(("element", "columns"), [("slopes", 9), ("cuts", 3), ("second_cuts", 3)])
+@pytest.mark.parametrize(("element", "columns"), [("slopes", 9), ("curvatures", 6), ("cuts", 3), ("second_cuts", 3)])
 def test_the_file_has_the_fixed_layout_byte_for_byte(tmp_path, element, columns):
     splats = model(element, dog_index=(0, 3))
     write_ply(tmp_path / "with.ply", splats)
-    write_ply(tmp_path / "without.ply", without(splats, element))
+    write_ply(tmp_path / "without.ply", random_splats(dog_index=(0, 3)))
     parts = elements(splats, element) | {"dog": {"index": splats.dog_index, **dog_columns(splats)}}
     rows = to_bytes({name: parts[name] for name in ("vertex", "dog", element)}, types={"index": "uint"})
     header, body = (tmp_path / "with.ply").read_bytes().split(b"end_header\n", 1)
@@ -105,11 +121,11 @@ def test_the_file_has_the_fixed_layout_byte_for_byte(tmp_path, element, columns)
     assert body[:-size] == shorter and header.startswith(shorter_header)
 
 
-def test_cuts_follow_slopes_and_precede_degrees(tmp_path):
+def test_cuts_follow_slopes_and_curvatures_and_precede_degrees(tmp_path):
     write_ply(tmp_path / "a.ply", model_of_all().with_sh_degrees([3, 0, 1, 2, 0, 3, 1]), "rows")
     header = (tmp_path / "a.ply").read_bytes().split(b"end_header\n", 1)[0].decode()
     found = [line.split()[1] for line in header.splitlines() if line.startswith("element")]
-    assert found == ["vertex", "dog", "slopes", "cuts", "second_cuts", "sh1", "sh2", "sh3"]
+    assert found == ["vertex", "dog", "slopes", "curvatures", "cuts", "second_cuts", "sh1", "sh2", "sh3"]
 
 
 @pytest.mark.parametrize("file_format", ["binary_little_endian", "binary_big_endian", "ascii"])
@@ -148,7 +164,10 @@ def test_what_is_wrong_with_the_rows_is_one_line(tmp_path, changed, types, messa
     assert message in told and "\n" not in told
 
 
-@pytest.mark.parametrize(("element", "column"), [("slopes", "slope_3"), ("cuts", "cut_1"), ("second_cuts", "cut_1")])
+@pytest.mark.parametrize(
+    ("element", "column"),
+    [("slopes", "slope_3"), ("curvatures", "curvature_1"), ("cuts", "cut_1"), ("second_cuts", "cut_1")],
+)
 def test_what_is_not_finite_is_not_written(tmp_path, element, column):
     splats = model(element)
     getattr(splats, NAMES[element])[2, 1] = np.inf
@@ -177,8 +196,14 @@ def test_selected_primitives_keep_their_own_rows(which, index, rows, element):
 @each_kind
 def test_without_them_all_else_stays(element):
     splats, left = model_of_all(), without(model_of_all(), element)
-    groups = PLANES if element == "cuts" else [ROWS[element][0]]  # what has no cut has no second one
-    assert (splats.n_slopes, splats.n_cuts, splats.n_second_cuts, left.n_dog) == (4, 3, 3, 3)
+    also = {"cuts": PLANES, "slopes": (SLOPES, CURVATURES)}  # without a cut no second one, with one colour no curvature
+    groups = also.get(element, [ROWS[element][0]])
+    assert [getattr(splats, f"n_{each}") for each in ROWS] == [4, 2, 3, 3] and left.n_dog == 3
+    if CURVATURES in groups:  # as bright as on average
+        traces = splats.brightness_curvatures[:, :3].sum(axis=1, keepdims=True)
+        np.testing.assert_allclose(left.sh_coeffs[:2, 0], splats.sh_coeffs[:2, 0] + traces / 6 / C0, rtol=1e-5)
+        assert np.abs(traces).min() > 0.1
+        left.sh_coeffs[:2, 0] = splats.sh_coeffs[:2, 0]
     for name in FIELDS:
         if any(name in (group.index, *group.names) for group in groups):
             assert len(getattr(left, name)) == 0
@@ -186,7 +211,7 @@ def test_without_them_all_else_stays(element):
             np.testing.assert_array_equal(getattr(left, name), getattr(splats, name))
             assert not np.shares_memory(getattr(left, name), getattr(splats, name))
     plain = splats.plain()
-    assert (plain.n_slopes, plain.n_cuts, plain.n_second_cuts, plain.n_dog) == (4, 3, 3, 0)
+    assert [getattr(plain, f"n_{each}") for each in ROWS] == [4, 2, 3, 3] and plain.n_dog == 0
 
 
 def test_a_primitive_is_cut_if_either_plane_cuts_it_off():
@@ -195,7 +220,7 @@ def test_a_primitive_is_cut_if_either_plane_cuts_it_off():
 
 
 def test_kinds_are_counted_in_words_and_nothing_is_said_of_what_is_not_there():
-    assert kinds_of(model_of_all()) == "3 of them DoG, 4 with slopes, 3 with a cut, 3 with a second"
+    assert kinds_of(model_of_all()) == "3 of them DoG, 4 with slopes, 2 with curvatures, 3 with a cut, 3 with a second"
     assert kinds_of(model("second_cuts", dog_index=())) == "0 of them DoG, 4 with a second"
     assert kinds({"n_cuts": 0, "n_second_cuts": 1234}) == "\u2013 of them DoG, 0 with a cut, 1,234 with a second"
 
@@ -207,6 +232,10 @@ def test_kinds_are_counted_in_words_and_nothing_is_said_of_what_is_not_there():
         ({"color_slopes": np.zeros((4, 9))}, '"color_slopes" has shape [4, 9], expected [4, 3, 3]'),
         ({"slope_index": [1, 3, 4, 7]}, '"slope_index" spans 1 to 7, "means" has 7 rows'),
         ({"slope_index": [1, 4, 3, 6]}, '"slope_index" is not strictly increasing'),
+        ({"brightness_curvatures": np.zeros((3, 6))}, '"brightness_curvatures" has 3 rows, "curvature_index" has 2'),
+        ({"brightness_curvatures": np.zeros((2, 5))}, '"brightness_curvatures" has shape [2, 5], expected [2, 6]'),
+        ({"curvature_index": [1, 7]}, '"curvature_index" spans 1 to 7, "means" has 7 rows'),
+        ({"curvature_index": [1, 1]}, '"curvature_index" is not strictly increasing'),
         ({"cut_normals": np.zeros((3, 3))}, '"cut_normals" has 3 rows, "cut_index" has 4'),
         ({"cut_normals": np.zeros(4)}, '"cut_normals" has shape [4], expected [4, 3]'),
         ({"cut_index": [1, 3, 4, 7]}, '"cut_index" spans 1 to 7, "means" has 7 rows'),
@@ -219,7 +248,7 @@ def test_kinds_are_counted_in_words_and_nothing_is_said_of_what_is_not_there():
 )
 def test_a_mismatch_names_both_sides(changes, message):
     with pytest.raises(ValueError) as error:
-        replace(with_rows(with_rows(model("slopes"), CUTS), SECOND_CUTS), **changes)
+        replace(with_rows(with_rows(with_rows(model("slopes"), CURVATURES, [1, 3]), CUTS), SECOND_CUTS), **changes)
     assert message in str(error.value)
 
 
@@ -235,6 +264,7 @@ def moved_by(name: str, splats: Splats) -> tuple[Splats, np.ndarray, np.ndarray]
 @pytest.mark.parametrize(("with_rows", "shown_at", "atol"), [
     # Rounding of float32 in a mean is some 1e-7 of a world unit, in units of the thinnest scale 1e-4 of it.
     (with_slopes, slope_colors, 2e-4),
+    (with_curvatures, curvature_brightness, 2e-4),
     (with_cuts, kept_shares, 1e-3),  # normals are some ten times longer
     (with_second_cuts, partial(kept_shares, plane=SECOND_CUTS), 1e-3),
 ], ids=ROWS)  # fmt: skip
@@ -248,7 +278,7 @@ def test_a_place_shows_what_it_did_before_it_was_moved(name, with_rows, shown_at
 
 
 def test_the_identity_keeps_every_bit_and_two_mirrors_do():
-    splats = with_second_cuts(with_cuts(with_slopes(splats_in_view(20))))
+    splats = with_all(splats_in_view(20))
     same(transformed(splats, np.eye(4)), splats)
     mirror = np.diag([-1.0, 1, 1, 1])
     twice = transformed(transformed(splats, mirror), mirror)
@@ -258,7 +288,7 @@ def test_the_identity_keeps_every_bit_and_two_mirrors_do():
 
 @pytest.mark.parametrize("name", NAMES.values())
 def test_a_map_of_what_is_not_finite_warns_of_nothing_and_leaves_the_others_alone(name):
-    splats = with_second_cuts(with_cuts(with_slopes(splats_in_view(20), every=1), every=1), every=1)
+    splats = with_all(splats_in_view(20), every=1)
     broken = replace(splats, log_scales=np.where(np.arange(20)[:, None] == 3, np.float32(800), splats.log_scales))
     matrix = np.diag([1.0, 1, 3, 1])
     got, expected = transformed(broken, matrix), transformed(splats, matrix)
@@ -267,10 +297,13 @@ def test_a_map_of_what_is_not_finite_warns_of_nothing_and_leaves_the_others_alon
 
 
 @pytest.mark.parametrize("factor", [7.0, 0.25])
-def test_a_brighter_model_has_brighter_slopes_and_the_same_cuts(factor):
-    splats = with_second_cuts(with_cuts(with_slopes(splats_in_view(20, degree=1))))
+def test_a_brighter_model_has_brighter_slopes_and_curvatures_and_the_same_cuts(factor):
+    splats = with_all(splats_in_view(20, degree=1))
     points = points_in(splats)
     bright = brightened(splats, factor)
     np.testing.assert_allclose(slope_colors(bright, points), factor * slope_colors(splats, points), rtol=1e-5)
-    for name in ("slope_index", "cut_index", "cut_normals", "second_cut_index", "second_cut_normals"):
+    brighter, before = (curvature_brightness(s, points) for s in (bright, splats))
+    np.testing.assert_allclose(brighter, factor * before, rtol=1e-5)
+    indices = [group.index for group, _ in ROWS.values()]
+    for name in (*indices, "cut_normals", "second_cut_normals"):
         np.testing.assert_array_equal(getattr(bright, name), getattr(splats, name))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.scene.row_groups import CUTS, DOG, PLANES, SLOPES
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, DOG, PLANES, SLOPES
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.footprint import MARGIN, PER_FLOAT, PER_PRIMITIVE, PER_PRODUCT
 from mi_dogsplat.training.strategy.row_activation import give_rows
@@ -16,7 +16,11 @@ PLAIN = 14 + 12  # floats of a primitive at SH degree 1
 @pytest.mark.parametrize("target", [0.05, 0.5, 0.99])
 @pytest.mark.parametrize(
     ("preset", "groups", "floats", "joint"),
-    [("ours_preconditioned", (DOG, SLOPES, CUTS), 16, 21), ("ours_second_cuts", (DOG, SLOPES, *PLANES), 19, 24)],
+    [
+        ("ours_preconditioned", (DOG, SLOPES, CUTS), 16, 21),
+        ("ours_second_cuts", (DOG, SLOPES, *PLANES), 19, 24),
+        ("ours_curvatures", (DOG, SLOPES, CURVATURES, *PLANES), 25, 24),
+    ],
 )
 def test_pairs_get_what_the_primitives_there_are_leave_whatever_the_target(
     data, target, preset, groups, floats, joint

@@ -39,7 +39,7 @@ from mi_dogsplat.viewer.view_state import (
     Settings,
 )
 from scipy.spatial.transform import Rotation
-from sloped_models import with_slopes
+from sloped_models import with_curvatures, with_slopes
 
 SMALL = Settings(height=48, gain=1.0)
 SLOPES, CUTS = [WITHOUT_SLOPES, SLOPE_DIFFERENCE], [WITHOUT_CUTS, CUT_DIFFERENCE]
@@ -106,11 +106,13 @@ def test_each_choice_draws_its_part_of_the_model():
     ("changed", "bare", "choices"),
     [
         (with_slopes, Splats.without_slopes, SLOPES),
+        (with_curvatures, Splats.without_slopes, SLOPES),
+        (lambda splats, every: with_curvatures(with_slopes(splats, every), 2), Splats.without_slopes, SLOPES),
         (with_cuts, Splats.without_cuts, CUTS),
         (with_second_cuts, Splats.without_cuts, CUTS),
         (lambda splats, every: with_second_cuts(with_cuts(splats, every)), Splats.without_cuts, CUTS),
     ],
-    ids=["slopes", "cuts", "second_cuts", "both cuts"],
+    ids=["slopes", "curvatures", "slopes and curvatures", "cuts", "second_cuts", "both cuts"],
 )
 def test_slopes_and_cuts_can_be_switched_off_and_their_difference_shown(changed, bare, choices):
     model, camera = changed(tiny_data.dog_model(), every=3), tiny_data.cameras()[0]

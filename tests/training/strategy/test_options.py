@@ -1,4 +1,4 @@
-"""What bytes are divided among: primitives, bands, DoG rows, slopes and cuts go where they gain least."""
+"""What bytes are divided among: primitives, bands, DoG rows, slopes, curvatures and cuts go where they gain least."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import Bands
 from mi_dogsplat.training.strategy.compaction import as_chosen
 from mi_dogsplat.training.strategy.options import GROUPS, Options, Rows
-from splat_scenes import random_splats, rounded
+from splat_scenes import C0, random_splats, rounded
 
 
 def options_of(removal, by_degree, without_dog, splats: Splats, slopes=None, curvatures=None, cuts=None,
@@ -90,6 +90,45 @@ def test_slopes_go_where_they_gain_least_for_their_bytes(budget, kept, degrees, 
     np.testing.assert_array_equal(model.slope_index, slopes)
     expected = four_sloped().color_slopes[np.searchsorted([0, 2, 3], slopes)]
     np.testing.assert_array_equal(model.color_slopes, expected)
+
+
+CURVED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0, 28.0)
+
+
+def four_curved(sloped: bool) -> Splats:
+    """Four, all but the first with curvatures."""
+    curvatures = np.random.default_rng(2).normal(size=(3, 6))
+    splats = four_sloped() if sloped else four()
+    return replace(splats, curvature_index=[1, 2, 3], brightness_curvatures=curvatures)
+
+
+@pytest.mark.parametrize("sloped", [False, True])
+@pytest.mark.parametrize(
+    ("budget", "kept", "curvatures"),
+    [
+        (1e9, [0, 1, 2, 3], [1, 2, 3]),  # all of it
+        (640, [0, 1, 2, 3], [1, 2]),  # what hardly matters goes first
+        (510, [0, 1, 2, 3], [1]),
+        (410, [0, 1, 2], [1]),  # then the last primitive, before curvatures that matter
+    ],
+)
+def test_curvatures_go_where_they_gain_least_for_their_bytes_and_leave_their_mean(sloped, budget, kept, curvatures):
+    splats = four_curved(sloped)
+    slopes = [2.0, 0, 1.8, 1.7] if sloped else None  # more for their bytes than any curvature
+    options = options_of([9, 6, 5, 3.0], *LOSSES[1:], splats, slopes, [0, 1.5, 0.2, 0.05])
+    chosen = options.chosen(CURVED, budget + 40 * (len(kept) - 1) * sloped)
+    np.testing.assert_array_equal(chosen.kept, kept)
+    np.testing.assert_array_equal(chosen.curvatures, curvatures)
+    np.testing.assert_array_equal(chosen.slopes, np.intersect1d(splats.slope_index, kept))
+    model, rows = as_chosen(splats, options, chosen), np.array(curvatures) - 1
+    np.testing.assert_array_equal(model.curvature_index, curvatures)
+    np.testing.assert_array_equal(model.brightness_curvatures, splats.brightness_curvatures[rows])
+    average = np.zeros(4)  # of what went, by hand
+    average[1:] = splats.brightness_curvatures[:, :3].sum(axis=1) / 6
+    average[curvatures] = 0
+    brighter = C0 * (model.uniform_sh().sh_coeffs[:, 0] - splats.uniform_sh().sh_coeffs[kept, 0])
+    np.testing.assert_allclose(brighter, np.repeat(average[kept, None], 3, axis=1), atol=1e-6)
+    assert len(curvatures) == 3 or np.abs(average[kept]).max() > 0.05
 
 
 PRICED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0, 35.0, 30.0, 30.0)

@@ -1,4 +1,4 @@
-"""Slopes and cuts come without a change of the pictures, and learn; their rules scale with the run."""
+"""Slopes, curvatures and cuts come without a change of the pictures, and learn; their rules scale with the run."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -10,7 +10,7 @@ import pytest
 from cut_models import with_cuts, with_second_cuts
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
-from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
@@ -19,14 +19,15 @@ from mi_dogsplat.training.strategy.cut_activation import CutRule, SecondCutActiv
 from mi_dogsplat.training.strategy.dog_control import DogRule, activate
 from mi_dogsplat.training.strategy.row_activation import RowRule, give_rows
 from mi_dogsplat.training.strategy.slope_activation import SlopeRule
-from sloped_models import with_slopes
+from sloped_models import with_curvatures, with_slopes
 from splat_scenes import image_of, kernels, options, random_splats, rounded, tilted_camera
 
 CAMERA = tilted_camera()
 EACH_KIND = pytest.mark.parametrize(
     ("group", "with_rows", "rate"),
-    [(SLOPES, with_slopes, 2.5e-3), (CUTS, with_cuts, 0.0625), (SECOND_CUTS, with_second_cuts, 0.0625)],
-    ids=["slopes", "cuts", "second_cuts"],
+    [(SLOPES, with_slopes, 2.5e-3), (CURVATURES, with_curvatures, 2.5e-3), (CUTS, with_cuts, 0.0625),
+     (SECOND_CUTS, with_second_cuts, 0.0625)],
+    ids=["slopes", "curvatures", "cuts", "second_cuts"],
 )
 Given = Callable[..., Splats]
 
@@ -77,11 +78,11 @@ def test_rows_that_are_there_stay_with_their_moments(group: RowGroup, with_rows:
     assert not getattr(after, name)[others].any() and not m[others].any()
 
 
-def test_a_primitive_becomes_dog_and_gets_slopes_and_cuts_in_any_order():
-    models = []
-    for order in (("dog", SLOPES, CUTS, SECOND_CUTS), (SECOND_CUTS, CUTS, "dog", SLOPES),
-                  (SLOPES, SECOND_CUTS, CUTS, "dog")):  # fmt: skip
-        optimizer = optimizer_of(with_second_cuts(with_cuts(with_slopes(model(dog_share=0.2)), every=3), every=5))
+def test_a_primitive_becomes_dog_and_gets_slopes_curvatures_and_cuts_in_any_order():
+    models, some = [], with_curvatures(with_slopes(model(dog_share=0.2)), every=7)
+    for order in (("dog", SLOPES, CURVATURES, CUTS, SECOND_CUTS), (SECOND_CUTS, CUTS, "dog", CURVATURES, SLOPES),
+                  (CURVATURES, SLOPES, SECOND_CUTS, CUTS, "dog")):  # fmt: skip
+        optimizer = optimizer_of(with_second_cuts(with_cuts(some, every=3), every=5))
         for part in order:
             if isinstance(part, str):
                 activate(DogRule(opacity=0.05), optimizer)
@@ -123,7 +124,7 @@ def test_the_start_scales_with_the_run_and_moves_with_its_beginning(kind: type[R
 @EACH_KIND
 def test_what_sees_a_model_as_such_a_file_refuses_rows(group: RowGroup, with_rows: Given, rate: float):
     optimizer, camera = optimizer_of(with_rows(model())), DeviceCamera.upload(CAMERA)
-    words = "slopes" if group is SLOPES else "cuts"
+    words = "cuts" if group in PLANES else "slopes"
     with pytest.raises(ValueError, match=rf"Quantiser: spz holds no {words}; begin with Splats.without_{words}\(\)"):
         Quantiser("spz").before_step(Tables(), optimizer, [camera], options(model()), 0, 10)
 
