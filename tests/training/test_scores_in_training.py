@@ -5,9 +5,11 @@ import pytest
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.options import RasterOptions
+from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scores.bands import bands
 from mi_dogsplat.scores.score import ScoreRule, energies
-from mi_dogsplat.training.strategy.options import REMOVAL, Options
+from mi_dogsplat.scores.slope_losses import curvature_losses, slope_losses
+from mi_dogsplat.training.strategy.options import CUT, REMOVAL, SECOND_CUT, Options
 from mi_dogsplat.training.train import Trainer
 from photographs import config_of, left_half, write_masks
 
@@ -51,3 +53,20 @@ def test_so_do_the_options_among_which_bytes_are_divided(data, tmp_path):
     losses = bands(params, splats.sh_coeffs, cameras, options, lambda _: left_half()).losses()
     np.testing.assert_allclose(found.by_degree, losses, rtol=1e-6)
     assert losses[:, 0].max() > 0
+
+
+def test_what_each_kind_of_rows_is_worth_is_looked_at_in_the_primitives_that_have_some(data, tmp_path):
+    trainer, rng = trainer_of(data, tmp_path), np.random.default_rng(0)
+    n = trainer.optimizer.n
+    for k, group in enumerate(OWN_AXES):
+        ((name, shape),), index = group.arrays.items(), np.arange(k, n, len(OWN_AXES))
+        trainer.optimizer.set_rows(group, index, {name: rng.normal(size=(len(index), *shape)).astype(np.float32)})
+    found = Options.of(trainer, trainer.optimizer.to_splats())
+    shown = given(trainer)
+    expected = [losses(*shown, lambda _: left_half()) for losses in (slope_losses, curvature_losses)]
+    expected += [energies(rule, *shown, 0.0, 0, lambda _: left_half())[0] for rule in (CUT, SECOND_CUT)]
+    for group, rows, losses in zip(OWN_AXES, (found.slopes, found.curvatures, found.cuts, found.second_cuts), expected,
+                                   strict=True):  # fmt: skip
+        np.testing.assert_array_equal(np.flatnonzero(rows.has), trainer.optimizer.index_of(group))
+        np.testing.assert_allclose(rows.without[rows.has], losses[rows.has], rtol=1e-5)
+        assert losses[rows.has].max() > 0 and not rows.without[~rows.has].any()
