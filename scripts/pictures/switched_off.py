@@ -1,13 +1,13 @@
-"""The pictures of docs/slopes.md and docs/cuts.md: a part of a test view by two methods, by the second without what it
-adds, and the photograph.
+"""The pictures of docs/slopes.md, cuts.md and curvatures.md: a part of a test view by two methods, by the second one
+without what it adds, and the photograph.
 
     dogsplat compare ../shared/data/bonsai -o DIR --downscale 2 --steps 7000 --max-primitives 100000 \\
-        --max-world-scale inf --only ours ours_slopes ours_cuts
-    python -m scripts.pictures.switched_off DIR ../shared/data/bonsai
+        --max-world-scale inf --only ours ours_slopes ours_cuts ours_second_cuts ours_curvatures
+    python -m scripts.pictures.switched_off DIR ../shared/data/bonsai [PICTURE.png …]
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,13 +44,16 @@ class Sheet:
 SHEETS = {
     "slopes.png": Sheet(("ours", "ours_slopes"), "slopes", Splats.without_slopes, "DSCF5661", (220, 131)),
     "cuts.png": Sheet(("ours_slopes", "ours_cuts"), "cuts", Splats.without_cuts, "DSCF5605", (0, 0)),
+    "curvatures.png": Sheet(
+        ("ours_second_cuts", "ours_curvatures"), "curvatures", Splats.without_curvatures, "DSCF5605", (0, 0)
+    ),
 }
 
 
-def main(comparison: Path, data: Path) -> None:
-    """Write both."""
+def main(comparison: Path, data: Path, names: Sequence[str] = ()) -> None:
+    """Write those of these ``names``; without any, all."""
     views = {Path(view.name).stem: view for view in load_dataset(data, DOWNSCALE).test}
-    for name, sheet in SHEETS.items():
+    for name, sheet in [(name, sheet) for name, sheet in SHEETS.items() if name in (names or SHEETS)]:
         view, folder = views[sheet.view], comparison / data.name / "seed_0"
         models = {method: read_model(folder / method / MODEL) for method in sheet.methods}
         panels = {method: drawn(model, model.splats, view) for method, model in models.items()}
@@ -74,4 +77,4 @@ def enlarged(part: np.ndarray) -> np.ndarray:
 
 if __name__ == "__main__":
     set_variant("auto")
-    main(*map(Path, sys.argv[1:3]))
+    main(*map(Path, sys.argv[1:3]), sys.argv[3:])
