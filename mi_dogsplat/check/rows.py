@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..engine.parameters import RAW, RAW_DOG
+from ..engine.parameters import RAW, RAW_DOG, RAW_OWN_AXES
 from ..scene.row_groups import DOG, OWN_AXES
 from ..scene.splats import Splats
 
-OF_AXES = tuple(name for group in OWN_AXES for name in group.names)
-NAMES = RAW + RAW_DOG + OF_AXES  # of all that a model which is not mixed may have
+NAMES = RAW + RAW_DOG + RAW_OWN_AXES  # of all that a model which is not mixed may have
 
 
 def rows_of(splats: Splats, name: str) -> np.ndarray:

@@ -19,6 +19,7 @@ RAW_DOG = DOG.names
 RAW_SLOPES = SLOPES.names
 RAW_CURVATURES = CURVATURES.names
 RAW_CUTS = tuple(name for group in PLANES for name in group.names)
+RAW_OWN_AXES = RAW_SLOPES + RAW_CURVATURES + RAW_CUTS
 ROWS = {group.index: group.row for group in (DOG, *OWN_AXES)}
 """Index of a group to the name of its inverse [N], ``rows_of_splats``, where kernels ask for the row of a primitive."""
 

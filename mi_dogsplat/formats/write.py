@@ -60,7 +60,7 @@ def write_model(
             lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
     if not chosen.cuts:
         splats = whole(splats)
-    if not chosen.slopes:
+    if splats.is_varied.any() and not chosen.slopes:
         splats = splats.without_slopes()
     if not (sh_rows and chosen.mixed_sh):
         splats = splats.uniform_sh()

@@ -91,7 +91,7 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
 def _row_features(
     parts: list[Splats], name: str, setting: str, values: tuple[int, int], parameters: int, others: str
 ) -> list[Feature]:
-    """Of rows that some primitives have over their whole extent: slopes, cuts or second cuts.
+    """Of rows that some primitives have over their whole extent: slopes, curvatures, cuts or second cuts.
 
     Args:
         setting, values: what the kernels are specialised to without them and with them.

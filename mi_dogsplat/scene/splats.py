@@ -3,8 +3,8 @@
 Raw values are what is stored, trained and written; properties without ``log_``/``logit_`` are activated.
 Some parts are sparse (``row_groups.py``): row ``j`` of the ``dog_*`` arrays belongs to primitive ``dog_index[j]``,
 every other primitive is a plain Gaussian and pays nothing for it. So it is with colours that vary over their primitive
-(docs/slopes.md), with primitives that a plane cuts off (docs/cuts.md), and with colours that vary with the direction: a
-model is uniform, all primitives of one SH degree, or mixed, with a group for each degree above 0.
+(docs/slopes.md, docs/curvatures.md), with primitives that planes cut off (docs/cuts.md), and with colours that vary
+with the direction: a model is uniform, all primitives of one SH degree, or mixed, with a group for each degree above 0.
 """
 
 from __future__ import annotations
@@ -258,11 +258,15 @@ class Splats:
 
     def without_slopes(self) -> Splats:
         """All N primitives in their mean colours, the same all over each of them: without curvatures, too."""
-        return self.without_curvatures()._without(SLOPES)
+        return self._flat(SLOPES, CURVATURES)
 
     def without_curvatures(self) -> Splats:
         """All N primitives as bright as on average, but for their slopes."""
-        flat = self._without(CURVATURES)
+        return self._flat(CURVATURES)
+
+    def _flat(self, *groups: RowGroup) -> Splats:
+        """Without these groups, curvatures among them; their average brightness stays."""
+        flat = self._without(*groups)
         flat.sh_coeffs[self.curvature_index, 0] += mean_brightness(self.brightness_curvatures)[:, None] / C0
         return flat
 

@@ -120,7 +120,7 @@ class ScoreRule:
             weighted=self.curve is not None,
             removal=self.kind == "leave-one-out",
             degeneration=self.kind == "leave-dog-out",
-            uncut=0 if self.kind in CUT_KINDS else None,
+            uncut=0 if self.kind in CUT_KINDS else None,  # a plane; which place it has, a model says (``_place``)
             energy=self.spatial_weight > 0,
             gradient=spectral and self.probes == 0,
             probes=self.probes if spectral else 0,

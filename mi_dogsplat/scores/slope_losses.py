@@ -25,6 +25,7 @@ import drjit as dr
 import numpy as np
 
 from ..engine.arrays import array_types
+from ..engine.curvatures import ROW
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import device_array
@@ -61,10 +62,9 @@ def curvature_losses(
     params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, masks: MaskOf | None = None
 ) -> np.ndarray:
     """The same without the curvatures of a primitive. Arguments as for ``slope_losses``."""
-    row = params["curvature_row"].numpy()
-    average = np.zeros(len(row))
-    index = params["curvature_index"].numpy()
-    average[index] = mean_brightness(params["brightness_curvatures"].numpy().reshape(-1, 6)[row[index]])
+    average = np.zeros(dr.width(params["logit_opacities"]))
+    rows = params["brightness_curvatures"].numpy().reshape(-1, ROW)
+    average[params["curvature_index"].numpy()] = mean_brightness(rows)
     b = device_array(average)
 
     def change(projection: Projection) -> Any:

@@ -140,71 +140,66 @@ class DogActivated(Event):
 
 
 @dataclass(frozen=True)
-class SlopesActivated(Event):
-    """All ``count`` primitives got slopes, so that their colours may vary over them."""
+class RowsActivated(Event):
+    """All ``count`` primitives got rows of a kind, of zeros or next to it."""
+
+    count: int
+
+
+class SlopesActivated(RowsActivated):
+    """Colours may vary over them."""
 
     kind, words = "slopes_activated", "slopes activated for {count} primitives"
-    count: int
 
 
-@dataclass(frozen=True)
-class SlopesLeftOut(Event):
-    """``count`` primitives lost their slopes, which no pixel shows; ``left`` have slopes still."""
-
-    kind, words = "slopes_left_out", "slopes of {count} primitives left out, {left} have some"
-    count: int
-    left: int
-
-
-@dataclass(frozen=True)
-class CurvaturesActivated(Event):
-    """All ``count`` primitives got curvatures, so that their brightness may curve over them."""
+class CurvaturesActivated(RowsActivated):
+    """Their brightness may curve over them."""
 
     kind, words = "curvatures_activated", "curvatures activated for {count} primitives"
-    count: int
 
 
-@dataclass(frozen=True)
-class CurvaturesLeftOut(Event):
-    """``count`` primitives lost their curvatures, which no pixel shows; ``left`` have some still."""
-
-    kind, words = "curvatures_left_out", "curvatures of {count} primitives left out, {left} have some"
-    count: int
-    left: int
-
-
-@dataclass(frozen=True)
-class CutsActivated(Event):
-    """All ``count`` primitives got cuts, so that a plane may cut them off."""
+class CutsActivated(RowsActivated):
+    """A plane may cut them off."""
 
     kind, words = "cuts_activated", "cuts activated for {count} primitives"
-    count: int
 
 
-@dataclass(frozen=True)
-class CutsLeftOut(Event):
-    """``count`` primitives lost their cuts, which no pixel shows; ``left`` have one still."""
-
-    kind, words = "cuts_left_out", "cuts of {count} primitives left out, {left} have one"
-    count: int
-    left: int
-
-
-@dataclass(frozen=True)
-class SecondCutsActivated(Event):
-    """All ``count`` primitives got second cuts, so that another plane may cut them off."""
+class SecondCutsActivated(RowsActivated):
+    """So may another plane."""
 
     kind, words = "second_cuts_activated", "second cuts activated for {count} primitives"
-    count: int
 
 
 @dataclass(frozen=True)
-class SecondCutsLeftOut(Event):
-    """``count`` primitives lost their second cuts, which no pixel shows; ``left`` have one still."""
+class RowsLeftOut(Event):
+    """``count`` primitives lost their rows of a kind, which no pixel shows; ``left`` have one still."""
 
-    kind, words = "second_cuts_left_out", "second cuts of {count} primitives left out, {left} have one"
     count: int
     left: int
+
+
+class SlopesLeftOut(RowsLeftOut):
+    """Slopes."""
+
+    kind, words = "slopes_left_out", "slopes of {count} primitives left out, {left} have some"
+
+
+class CurvaturesLeftOut(RowsLeftOut):
+    """Curvatures."""
+
+    kind, words = "curvatures_left_out", "curvatures of {count} primitives left out, {left} have some"
+
+
+class CutsLeftOut(RowsLeftOut):
+    """Cuts."""
+
+    kind, words = "cuts_left_out", "cuts of {count} primitives left out, {left} have one"
+
+
+class SecondCutsLeftOut(RowsLeftOut):
+    """Second cuts."""
+
+    kind, words = "second_cuts_left_out", "second cuts of {count} primitives left out, {left} have one"
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ...scene.row_groups import DOG, OWN_AXES
+from ...engine.parameters import RAW_DOG, RAW_OWN_AXES
 from ..milestones import scaled_milestone
 from .preconditioning import Preconditioning
 from .sh_rows import SH_INDEX
@@ -84,7 +84,7 @@ class LearningRates:
         progress = min(step / max(self.total_steps, 1), 1.0)
         means = self.extent * self.means_start * (self.means_end / self.means_start) ** progress
         dense = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest")
-        names = (*dense, *(name for group in (DOG, *OWN_AXES) for name in group.names))
+        names = (*dense, *RAW_DOG, *RAW_OWN_AXES)
         rates = {"means": means} | {name: getattr(self, name) for name in names}
         if rule := self.refinement:
             here = step, self.total_steps, self.views, n

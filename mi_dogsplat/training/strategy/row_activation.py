@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
 from ...scene.row_groups import RowGroup
-from ..events import Event
+from ..events import Event, RowsActivated, RowsLeftOut
 from ..milestones import scaled_milestone
 from ..optimizer.splat_optimizer import SplatOptimizer
 from .once import Once
@@ -70,7 +70,7 @@ class RowControl(Strategy[None]):
     """At the end of the run, rows that no pixel shows are left out, before anybody looks at the size of the file."""
 
     group: ClassVar[RowGroup]
-    left_out: ClassVar[type[Any]]  # the record of it, of how many rows and how many are left
+    left_out: ClassVar[type[RowsLeftOut]]  # the record of it
 
     rule: RowRule
 
@@ -94,7 +94,7 @@ class RowActivation(Once):
     """``give_rows`` at the step of the rule."""
 
     group: ClassVar[RowGroup]
-    activated: ClassVar[type[Any]]  # the record of it, of how many primitives
+    activated: ClassVar[type[RowsActivated]]  # the record of it
 
     rule: RowRule
 
