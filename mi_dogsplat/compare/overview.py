@@ -13,12 +13,12 @@ from markupsafe import Markup
 from ..report.plot import Series, line_plot
 from ..report.points import Note
 from ..report.run_folder import Run, read_run
-from .names import SUFFIX, seed_order
+from .names import OURS, SUFFIX, seed_order
 
 ERRORS = {"test_psnr": "PSNR, dB", "test_flip": "FLIP"}
 START = "start"  # the run folder of the densified start
 DECIBELS, TIMES = 8.0, 3.0  # below the best PSNR, of the best FLIP: what is worse is not drawn
-NAMED = ("3dgs", "paper", "ours", "ours_preconditioned")  # beside their ends; the others have a name to point at
+NAMED = ("3dgs", "paper", "ours")  # beside their ends, and the furthest of ours; the others have a name to point at
 
 
 def overview(
@@ -53,7 +53,8 @@ def overview(
         if drawn:
             start = [_way("the densified start", read_run(begun), column, "faint", 0)] if begun.is_dir() else []
             start = [_upper(way, limit, column == "test_psnr") for way in start]
-            ends = [_end(way, words, name in NAMED) for name, way in drawn.items()]
+            furthest = [name for name in OURS if name in drawn][-1:]
+            ends = [_end(way, words, name in (*NAMED, *furthest)) for name, way in drawn.items()]
             plots.append(line_plot([*start, *drawn.values(), *ends], "run time, min", words, legend=False, height=340))
     return (seed, plots) if plots else None
 
