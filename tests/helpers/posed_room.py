@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 from mi_dogsplat.datasets.colmap import find_model, read_sources
 from mi_dogsplat.scene.cameras import Camera
 from PIL import Image
@@ -21,6 +22,14 @@ def write_room(folder: Path) -> None:
     for name, camera in photographed().items():
         Image.fromarray(picture(scene, [camera], 9)).save(folder / "pictures" / f"{name}.png")
     write_video(folder / "walk.mp4", (p for _, p in film(scene, PATH, SHUTTER, 4, lambda t: 1 - 0.4 * t)))
+
+
+def folder_of(folder: Path, pictures: list[np.ndarray]) -> Path:
+    """A new folder with these pictures, uint8 [H, W, 3] each."""
+    folder.mkdir()
+    for k, pixels in enumerate(pictures):
+        Image.fromarray(pixels).save(folder / f"{k}.png")
+    return folder
 
 
 def photographed() -> dict[str, Camera]:
