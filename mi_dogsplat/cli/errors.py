@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from ..runs.stopping import Stopped, signals_to
-from ..support.errors import DataError
+from ..support.errors import DataError, interruptible
 
 EXTRA_OF = {"pycolmap": "poses", "av": "poses"}  # what a training needs for plain images and videos only
 SIGPIPE = 13  # by POSIX; Windows has no such signal
@@ -51,7 +51,8 @@ def one_line_errors(run: Callable[[], int | None], extra: str = "train", program
     ``extra`` of pyproject.toml is where packages come from that are missing; ``program`` begins the line.
     """
     try:
-        return run() or 0
+        with interruptible():
+            return run() or 0
     except DataError as error:
         status, line = 2, str(error)
     except ModuleNotFoundError as error:

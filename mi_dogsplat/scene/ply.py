@@ -198,7 +198,7 @@ def write_ply(
         splats.quats[:, _WXYZ_FROM_XYZW],
     ]
     vertex = np.concatenate(columns, axis=1, dtype="<f4")  # [N, len(names)]
-    check_finite(path, names, vertex, _NOT_WRITTEN)
+    check_finite(path, "vertex", names, vertex, _NOT_WRITTEN)
     header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
     header += [f"element vertex {n}"]
     header += [f"property float {name}" for name in names]
@@ -216,7 +216,7 @@ def write_ply(
         groups.append((element, _rest_names(_N_REST[degree]), getattr(splats, SH[degree].index), rest))
     for element, names, index, values in groups:
         if len(index):
-            check_finite(path, names, values, _NOT_WRITTEN)
+            check_finite(path, element, names, values, _NOT_WRITTEN)
             header += [f"element {element} {len(index)}", "property uint index"]
             header += [f"property float {name}" for name in names]
             data.append(_rows(index, values))

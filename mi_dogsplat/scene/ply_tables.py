@@ -26,6 +26,7 @@ _TYPES = {
 }  # fmt: skip
 _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
 _MAX_HEADER_BYTES = 1 << 20  # real headers have 1-2 kB
+_NAMED = 4  # elements in the words about a file that is too short, so that they stay a line
 
 NOT_3DGS = "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*"
 _DAMAGED = "the file is damaged or incomplete: copy or export it again"
@@ -71,14 +72,15 @@ class TableReader:
         last = max((i for i, e in enumerate(elements) if trailer or e.name in wanted), default=-1)
         for element in elements[: last + 1]:
             if element.has_list:
-                self.fail(f"element {_quote(element.name)} has a list property", NOT_3DGS)
+                self.fail(f"element {_quote(element.name)} has a list property", _remedy(element.name))
         all_fixed = not any(e.has_list for e in elements)
         fixed = elements if all_fixed else elements[: last + 1]
 
         left = self.size - self.file.tell()
         need = sum(e.least_bytes(file_format) for e in fixed)
         if need > left + (file_format == "ascii"):  # the last ASCII value may lack its separator
-            promise = ", ".join(f"{e.count} x {_quote(e.name)}" for e in fixed[:4])
+            promise = ", ".join(f"{e.count} x {_quote(e.name)}" for e in fixed[:_NAMED])
+            promise += f" and {len(fixed) - _NAMED} elements more" if len(fixed) > _NAMED else ""
             self.fail(f"the header promises {promise} = {need} bytes or more, but only {left} bytes follow")
         if file_format == "ascii":
             return self._ascii(fixed, wanted, all_fixed)
@@ -97,11 +99,11 @@ class TableReader:
         for i, name in enumerate(names):
             if name not in present:
                 packed = "packed_position" in present
-                remedy = "this is a compressed PLY, export it uncompressed" if packed else NOT_3DGS
+                remedy = "this is a compressed PLY, export it uncompressed" if packed else _remedy(element)
                 self.fail(f'element "{element}" has no property "{name}"', remedy)
             with np.errstate(over="ignore", invalid="ignore"):  # doubles beyond float32 become inf: see below
                 out[:, i] = table[name]
-        check_finite(self.path, names, out, _DAMAGED)
+        check_finite(self.path, element, names, out, _DAMAGED)
         return out
 
     def _header(self) -> tuple[str, list[_Element]]:
@@ -175,13 +177,22 @@ class TableReader:
         return tables
 
 
-def check_finite(path: Path, names: tuple[str, ...], values: Array, remedy: str):
-    """Raise ``DataError`` with the number of non-finite ``values`` [rows, len(names)] and the first one."""
+def check_finite(path: Path, element: str, names: tuple[str, ...], values: Array, remedy: str):
+    """Raise ``DataError`` with the number of non-finite ``values`` [rows, len(names)] and the first one.
+
+    Two elements may have columns of the same names, so that the error says which it is.
+    """
     finite = np.isfinite(values)
     if not finite.all():
         row, column = np.argwhere(~finite)[0]
         count = finite.size - np.count_nonzero(finite)
-        raise DataError(path, f'{count} values are not finite, first "{names[column]}" in row {row}', remedy)
+        first = f'first "{names[column]}" in row {row} of the element "{element}"'
+        raise DataError(path, f"{count} values are not finite, {first}", remedy)
+
+
+def _remedy(element: str) -> str:
+    """For one without columns that it should have: what others write is in ``vertex``, the rest in our files alone."""
+    return NOT_3DGS if element == "vertex" else _DAMAGED
 
 
 def _quote(*words: str) -> str:

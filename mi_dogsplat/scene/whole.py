@@ -75,21 +75,21 @@ def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
     splats.logit_opacities[at] = np.log(opacities / (1 - opacities))
 
     dog, rows = _common(splats.dog_index, at)
-    pseudo = back[rows] @ (columns[rows] * splats.dog_scales[dog].astype(np.float64)[:, None])
-    splats.dog_log_scales[dog] = np.log(np.linalg.norm(pseudo, axis=2) / scales[rows])
+    along = back @ columns / scales[:, :, None]  # [C, 3, 3] orthogonal
+    splats.dog_log_scales[dog] = np.log(nearest_factors(along[rows], splats.dog_scales[dog].astype(np.float64)))
 
-    turn = back @ columns / scales[:, :, None] @ narrower  # what is told by the old axes, by the new ones
+    turn = along @ narrower  # what is told by the old axes, by the new ones
     sloped, rows = _common(splats.slope_index, at)
     slopes = splats.color_slopes[sloped].astype(np.float64)
     splats.sh_coeffs[at[rows], 0] += np.einsum("ma,mac->mc", moved[rows], slopes) / C0
     splats.color_slopes[sloped] = turn[rows] @ slopes
     curved, rows = _common(splats.curvature_index, at)
     Q = matrices(splats.brightness_curvatures[curved])  # q(m + w') = q(m) + mᵀ Q w' + q(w')
-    along = np.einsum("mab,mb->ma", Q, moved[rows])
-    splats.sh_coeffs[at[rows], 0] += 0.5 * np.einsum("ma,ma->m", along, moved[rows])[:, None] / C0
+    rises = np.einsum("mab,mb->ma", Q, moved[rows])
+    splats.sh_coeffs[at[rows], 0] += 0.5 * np.einsum("ma,ma->m", rises, moved[rows])[:, None] / C0
     splats.brightness_curvatures[curved] = turned(splats.brightness_curvatures[curved], turn[rows])
     _, of_slopes, of_curved = np.intersect1d(splats.slope_index, at[rows], return_indices=True)
-    splats.color_slopes[of_slopes] += np.einsum("mba,ma->mb", turn[rows], along)[of_curved][:, :, None]
+    splats.color_slopes[of_slopes] += np.einsum("mba,ma->mb", turn[rows], rises)[of_curved][:, :, None]
     for other in others:
         own, rows = _common(other.index, at)
         other.offsets[own] += np.einsum("ma,ma->m", moved[rows], other.normals[own])
@@ -126,6 +126,18 @@ def _nearest_whole(lengths: Array, offsets: Array) -> Array:
     left = np.exp(-0.5 * PLACES**2) * LARGEST / (1 + np.exp(exponents))
     a = (gaussians * left).sum(axis=1) / (gaussians**2).sum(axis=1)
     return np.stack([m, 1 / np.sqrt(precision), a])
+
+
+def nearest_factors(turns: Array, factors: Array) -> Array:
+    """F' [M, 3] of pseudo-Gaussians with F [M, 3] whose axes have become other ones by orthogonal ``turns`` [M, 3, 3].
+
+    The covariance is U F² Uᵀ then. With its variances along the new axes a long and thin one would get as wide as it is
+    long, and hide all around it. Those of a cut through its middle would be too small by as much. Their geometric mean
+    is nearest in the mean of squares where two of the axes turn, and then keeps the volume.
+    """
+    weights = turns**2
+    squares = np.einsum("mab,mb->ma", weights, factors**2), np.einsum("mab,mb->ma", weights, factors**-2.0)
+    return (squares[0] / squares[1]) ** 0.25
 
 
 def _common(index: Array, at: Array) -> tuple[Array, Array]:

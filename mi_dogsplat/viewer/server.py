@@ -28,7 +28,7 @@ from ..scene.drawing import drawn_as
 from ..scene.kinds import kinds_of
 from ..scene.orientation import up_of_cameras
 from ..scene.splats import Splats
-from ..support.errors import DataError
+from ..support.errors import DataError, interruptible
 from .drawing import Drawing
 from .source import Source
 from .view_state import Pace, Pose, Settings
@@ -217,7 +217,8 @@ def serve(
     server = Server(source, dataset, background, options, host, port)
     show(f"{server.url} shows {model}; Ctrl-C ends it")
     try:
-        server.serve()
+        with interruptible():
+            server.serve()
     except KeyboardInterrupt:  # the way to end it
         pass
     finally:

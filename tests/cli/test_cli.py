@@ -17,7 +17,7 @@ from dataset_folders import transforms_folder
 from happenings import history_of, records
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli import main
-from mi_dogsplat.cli.errors import quiet_pipe
+from mi_dogsplat.cli.errors import one_line_errors, quiet_pipe
 from mi_dogsplat.cli.parser import build_parser
 from mi_dogsplat.cli.printing import metrics_line
 from mi_dogsplat.scene.camera_file import write_camera
@@ -154,6 +154,17 @@ def test_ctrl_c_stops_with_one_line_and_status_130(capsys, data, tmp_path, monke
     assert status == 130 and err.splitlines()[-1].startswith("dogsplat: stopped") and "Traceback" not in err
     assert (tmp_path / "run" / "history.jsonl").read_text() == ""
     assert not list((tmp_path / "run").rglob(".*"))
+
+
+def test_ctrl_c_within_a_render_is_one_line_too(capsys):
+    def stopped():
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise RuntimeError("what Dr.Jit makes of it") from error
+
+    assert one_line_errors(stopped) == 130
+    assert capsys.readouterr().err == "dogsplat: stopped before the end; nothing is half-written\n"
 
 
 def test_a_bug_is_not_dressed_up_as_bad_input(data, tmp_path, monkeypatch):

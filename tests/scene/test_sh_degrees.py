@@ -207,7 +207,7 @@ def test_damage_is_one_clear_line(tmp_path, data, message):
 def test_values_of_a_group_that_are_not_finite_are_not_written(tmp_path):
     model = mixed()
     model.sh2_coeffs[0, 3, 1] = np.inf
-    with pytest.raises(DataError, match='"f_rest_11" in row 0; nothing was written'):
+    with pytest.raises(DataError, match='"f_rest_11" in row 0 of the element "sh2"; nothing was written'):
         write_ply(tmp_path / "a.ply", model, "rows")
     assert list(tmp_path.iterdir()) == []
 

@@ -128,6 +128,13 @@ def test_cuts_follow_slopes_and_curvatures_and_precede_degrees(tmp_path):
     assert found == ["vertex", "dog", "slopes", "curvatures", "cuts", "second_cuts", "sh1", "sh2", "sh3"]
 
 
+def test_a_file_that_ends_too_early_says_how_many_elements_it_promises(tmp_path):
+    write_ply(tmp_path / "a.ply", model_of_all())
+    path = write(tmp_path, (tmp_path / "a.ply").read_bytes()[:-1])
+    with pytest.raises(DataError, match=r'promises 7 x "vertex", .* and 2 elements more = \d+ bytes or more, but'):
+        read_ply(path)
+
+
 @pytest.mark.parametrize("file_format", ["binary_little_endian", "binary_big_endian", "ascii"])
 @each_kind
 def test_rows_in_any_order_are_sorted_with_their_values(tmp_path, file_format, element):
@@ -145,10 +152,10 @@ def test_rows_in_any_order_are_sorted_with_their_values(tmp_path, file_format, e
         ({"index": np.array([-1, 3, 4, 5])}, {"index": "int"}, 'row 0 of the element "ROWS" has index -1, but the'),
         ({"index": np.array([1, 3.5, 4, 5])}, {"index": "float"}, 'row 1 of the element "ROWS" has index 3.5, but'),
         ({"index": np.array([1, 4, 3, 4])}, {}, 'the element "ROWS" names primitive 4 more than once; write the ROW '),
-        ({"index": None}, {}, 'element "ROWS" has no property "index"'),
-        ({"COLUMN_1": None}, {}, 'element "ROWS" has no property "COLUMN_1"'),
-        ({"COLUMN_2": np.array([0, 1, np.nan, 0])}, {}, '"COLUMN_2" in row 2'),
-        ({"COLUMN_0": np.array([0, -np.inf, 1, 0])}, {}, '"COLUMN_0" in row 1'),
+        ({"index": None}, {}, 'element "ROWS" has no property "index"; the file is damaged'),
+        ({"COLUMN_1": None}, {}, 'element "ROWS" has no property "COLUMN_1"; the file is damaged'),
+        ({"COLUMN_2": np.array([0, 1, np.nan, 0])}, {}, '"COLUMN_2" in row 2 of the element "ROWS"'),
+        ({"COLUMN_0": np.array([0, -np.inf, 1, 0])}, {}, '"COLUMN_0" in row 1 of the element "ROWS"'),
     ],
 )
 @each_kind
@@ -171,7 +178,7 @@ def test_what_is_wrong_with_the_rows_is_one_line(tmp_path, changed, types, messa
 def test_what_is_not_finite_is_not_written(tmp_path, element, column):
     splats = model(element)
     getattr(splats, NAMES[element])[2, 1] = np.inf
-    with pytest.raises(DataError, match=f'"{column}" in row 2; nothing was written'):
+    with pytest.raises(DataError, match=f'"{column}" in row 2 of the element "{element}"; nothing was written'):
         write_ply(tmp_path / "a.ply", splats)
     assert list(tmp_path.iterdir()) == []
 

@@ -193,6 +193,30 @@ def test_a_pseudo_gaussian_goes_along():
     np.testing.assert_array_equal(found.dog_logit_opacities, cut.dog_logit_opacities)
 
 
+@pytest.mark.parametrize(("normal", "near"), [((3, -7, 0), 1e-5), ((1, 0.2, 0), 1e-5), ((3, -7, 2), 0.02)])
+@pytest.mark.parametrize("F", [(0.5, 0.7, 1.2), (40, 0.3, 1), (0.05, 900, 0.4)])
+def test_hardly_any_other_pseudo_gaussian_with_these_axes_is_nearer(normal, near, F):
+    """Oracle: a search, in the mean of squares in space. What is long and thin does not get as wide as it is long."""
+    splats = make_splats([[0, 0, 0]], [[0.1, 0.2, 0.3]], 0.5, dog=[0])
+    splats.dog_log_scales[0] = np.log(F)
+    cut = replace(rounded(splats), cut_index=[0], cut_normals=[normal])
+    found, (r,) = whole(cut), nearest_whole(np.array([np.linalg.norm(normal)]), np.array([4.0]))[1]
+    n = np.array(normal) / np.linalg.norm(normal)
+    pseudo = np.diag([0.1, 0.2, 0.3]) @ (np.eye(3) + (r - 1) * np.outer(n, n)) @ np.diag(F)
+    along = (reference.rotations(found.quats.astype(np.float64))[0].T @ pseudo) / found.scales[0, :, None]
+    precision = np.linalg.inv(along @ along.T)
+
+    def lost(log_F: np.ndarray) -> float:
+        both = precision + np.diag(np.exp(-2 * log_F))
+        return float(1 - 8 * np.sqrt(np.linalg.det(precision)) * np.exp(-log_F.sum()) / np.linalg.det(both))
+
+    own = found.dog_log_scales[0].astype(np.float64)
+    best = minimize(lost, own, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 9999})
+    assert lost(own) < best.fun + near
+    if normal[2] == 0:
+        np.testing.assert_allclose(own.sum(), np.log(F).sum(), atol=1e-4)
+
+
 @by_planes
 @pytest.mark.parametrize("dog_share", [0, 0.5])
 def test_pictures_are_much_nearer_than_without_the_cuts(dog_share, given):

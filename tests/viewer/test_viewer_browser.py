@@ -159,9 +159,15 @@ def test_an_address_that_is_not_ours_is_refused_in_one_line(capsys, model):
     assert_one_line(run(capsys, "view", model, "--port", "99999"), "--port")
 
 
-def test_ctrl_c_ends_the_viewer_quietly(capsys, model, monkeypatch):
+@pytest.mark.parametrize("within_a_render", [False, True])
+def test_ctrl_c_ends_the_viewer_quietly(capsys, model, monkeypatch, within_a_render):
     def interrupted(self, seconds=0.0):
-        raise KeyboardInterrupt
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            if within_a_render:
+                raise RuntimeError("what Dr.Jit makes of it") from error
+            raise
 
     monkeypatch.setattr(Server, "serve", interrupted)
     status, printed, error = run(capsys, "view", model, "--port", "8790")
