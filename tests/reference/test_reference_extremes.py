@@ -3,7 +3,7 @@
 from decimal import Decimal, localcontext
 
 import numpy as np
-import pytest
+from every_pair import every_pair
 from mi_dogsplat import reference
 from mi_dogsplat.reference.forward import raw_names
 from mi_dogsplat.reference.gradients import gradients_tiled
@@ -102,9 +102,10 @@ EXTREMES = {
 }
 
 
-@pytest.mark.parametrize("varies", ["even", "slopes", "slopes and cut", "steep cut", "cut twice", "curvatures", "all"])
-@pytest.mark.parametrize("antialiased", [False, True])
-@pytest.mark.parametrize("case", EXTREMES)
+@every_pair(
+    case=EXTREMES, varies=["even", "slopes", "slopes and cut", "steep cut", "cut twice", "curvatures", "all"],
+    antialiased=[False, True],
+)  # fmt: skip
 def test_gradients_of_extreme_primitives_have_ten_digits(case, antialiased, varies):
     changes = {"means": (0.1, -0.05, 2), "scales": (0.3, 0.2, 0.1), "length": 1.0, **EXTREMES[case]}
     quat = changes.pop("length") * axis_rotation([0.3, -0.5, 0.8], 1.1)[1]

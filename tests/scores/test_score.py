@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from every_pair import every_pair
 from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
@@ -77,9 +78,10 @@ def assert_close(got: np.ndarray, expected: np.ndarray, rtol=1e-3):
 # Sums over views and their combination
 
 
-@pytest.mark.parametrize("background", [0.0, 1.0])
-@pytest.mark.parametrize("others", [{}, {"antialiased": True}, {"negative_transmittance": False}])
-@pytest.mark.parametrize("splats", [SPLATS, CUT, CUT_TWICE], ids=["whole", "cuts", "two planes"])
+@every_pair(
+    splats=[SPLATS, CUT, CUT_TWICE], others=[{}, {"antialiased": True}, {"negative_transmittance": False}],
+    background=[0.0, 1.0],
+)  # fmt: skip
 def test_the_spatio_spectral_score_is_the_weighted_sum_of_both_normalised_energies(splats, background, others):
     J = footprints(splats, background=background, **others)
     assert_close(score(EXACT, splats, background=background, **others), combined(spatial(J), gradient(J), EXACT))

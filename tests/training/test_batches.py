@@ -218,7 +218,6 @@ def test_opacities_have_as_many_steps_to_come_back_as_their_size_asks_for():
 
 
 RUNS: dict[str, tuple[str, Any]] = {
-    "ours": ("plain", None),
     "appearance": ("appearance", None),
     "random background": ("random background", None),
     "masks, images on disk": ("masks, images on disk", None),
