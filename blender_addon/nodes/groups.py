@@ -31,6 +31,11 @@ def is_current(group: bpy.types.NodeTree, name: str) -> bool:
     return group.get("dogsplat") == f"{name} {VERSION}"
 
 
+def version_of(group: bpy.types.NodeTree) -> int:
+    """The version of the add-on's trees that one of ours is of."""
+    return int(group["dogsplat"].rpartition(" ")[2])
+
+
 def finish_group(tree: Tree, name: str, space: str = "") -> bpy.types.NodeTree:
     """Lay out a new group and mark it, so that it is found again."""
     arrange(tree.tree)

@@ -2,6 +2,7 @@
 
 Blender's brushes paint on faces, which a splat has not. So they paint a stand-in, a tetrahedron per splat
 (``editing/stand_in.py``), and this tree reads it while it is there; afterwards it reads the attributes of the splats.
+What it has made real it takes off: applied, by us or by Blender, it leaves nothing that would be done once more.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from ..files.sh import C0
 from ..objects.attributes import BASE, CURVATURE_VECTORS, ERASE, PAINT_INDEX, SH, SLOPE_VECTORS, TINT
 from ..objects.working_space import working_matrix
 from .builder import Tree, Value, Vector, new_group, wrap
-from .geometry import delete, describe, has_attribute, has_object, store, switch
+from .geometry import delete, describe, has_attribute, has_object, remove, store, switch
 from .groups import (
     GEOMETRY,
     attribute_socket,
@@ -49,7 +50,11 @@ def paint_tree(space: str = "") -> bpy.types.NodeTree:
     painted = tree.math("MAXIMUM", has_object(info), has_attribute(tree, kept, TINT, "FLOAT_COLOR"))
     color, strength = _painted(tree, info, TINT, "FLOAT_COLOR")
     tinted = _tinted(tree, kept, color, strength, linear, space)
-    tree.plug(exit_node.inputs[0], switch(tree, "GEOMETRY", tint * painted > 0.5, kept, tinted))
+    points = switch(tree, "GEOMETRY", tint * painted > 0.5, kept, tinted)
+    for name, kind, done in ((ERASE, "FLOAT", erase), (TINT, "FLOAT_COLOR", tint)):
+        there = has_attribute(tree, points, name, kind)  # Blender warns where nothing is to be removed
+        points = switch(tree, "GEOMETRY", done * there > 0.5, points, remove(tree, points, name))
+    tree.plug(exit_node.inputs[0], points)
     describe(tree.tree, {
         "Erase": {"default_value": True, "description": f'Leave out the splats whose weight "{ERASE}" is high'},
         "Threshold": {"default_value": 0.5, "min_value": 0.0, "max_value": 1.0, "subtype": "FACTOR",

@@ -1,6 +1,7 @@
-"""Modifiers have the trees for the working space of their file, whatever that was when they were made.
+"""Modifiers have the trees of this version of the add-on, for the working space of their file.
 
-It changes when somebody chooses another one. Objects come from files that have others.
+That space changes when somebody chooses another one. Objects come from files that have others, or that an older version
+has saved.
 """
 
 from __future__ import annotations
@@ -12,32 +13,51 @@ from bpy.app.handlers import persistent
 
 from ..objects.attributes import can_edit, is_splats
 from ..objects.working_space import working_space
-from .groups import SPACE, is_current
+from .crop import NAME as CROP
+from .crop import crop_tree
+from .groups import SPACE, version_of
+from .limits import NAME as LIMITS
+from .limits import limits_tree
+from .material import VERSION
 from .modifier import tree_name
 from .paint import NAME as PAINT
 from .paint import paint_tree
 from .space import space_of
 from .tree import NAME, splat_tree
 
-MAKERS = {NAME: splat_tree, PAINT: paint_tree}  # of trees with colours in them
+COLORED = {NAME: splat_tree, PAINT: paint_tree}  # by working space
+PLAIN = {CROP: crop_tree, LIMITS: limits_tree}
 
 
 def suit(obj: bpy.types.Object) -> None:
-    """Give the modifiers of an object other trees, with the same inputs, where theirs are for another space."""
-    if not is_suited(obj) and can_edit(obj):
-        space = space_of(obj)
-        for modifier in obj.modifiers:
-            name = tree_name(modifier) or ""
-            if name in MAKERS and is_current(modifier.node_group, name):
-                modifier.node_group = MAKERS[name](space)
+    """Give the modifiers of an object other trees, with the same inputs, where theirs are older or for another space.
+
+    The identifiers of inputs are the same in all versions, but for those that viewports write. So values, drivers and
+    keys stay. Trees of a newer version are left alone.
+    """
+    if not can_edit(obj):
+        return
+    space, changed = space_of(obj), False
+    for modifier in obj.modifiers:
+        name = tree_name(modifier)
+        if name in COLORED and _gives_way(modifier.node_group, space):
+            modifier.node_group, changed = COLORED[name](space), True
+        elif name in PLAIN and _gives_way(modifier.node_group, ""):
+            modifier.node_group, changed = PLAIN[name](), True
+    if changed:
         obj.update_tag()
+
+
+def _gives_way(group: bpy.types.NodeTree, space: str) -> bool:
+    version = version_of(group)
+    return version < VERSION or version == VERSION and group.get(SPACE, "") != space
 
 
 def is_suited(obj: bpy.types.Object) -> bool:
     """Whether Blender's engines draw the colours of an object's splats as they are in this file."""
     space = space_of(obj)
     return all(modifier.node_group.get(SPACE, "") == space for modifier in obj.modifiers
-               if tree_name(modifier) in MAKERS)  # fmt: skip
+               if tree_name(modifier) in COLORED)  # fmt: skip
 
 
 def suit_all() -> None:
@@ -59,7 +79,7 @@ def _loaded(*_: Any) -> None:
 
 @persistent
 def _changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Another space is chosen, or objects have come from another file."""
+    """Another space is chosen, or objects have come from another file, which may be an older one."""
     if working_space() != _latest:
         _loaded()
         return

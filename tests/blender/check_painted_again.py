@@ -82,3 +82,38 @@ def test_what_a_modifier_was_told_to_ignore_is_still_there_to_be_painted_on(mode
     assert bpy.ops.dogsplat.apply_edits() == {"FINISHED"}
     stroke(obj, "TINT", np.arange(0))
     assert_equal(shown(obj), both)
+
+
+@pytest.mark.parametrize("finished", [False, True])
+def test_what_blenders_own_apply_made_real_is_done_once(model, finished):
+    """Apply of the modifier itself, while it is painted once more, and after that."""
+    obj = load(model)
+    stroke(obj, "TINT", TINTED, color=COLOR)
+    stroke(obj, "ERASE", np.arange(40), weight=1.0)
+    stroke(obj, "ERASE", np.arange(40, 60), weight=0.6)
+    bpy.ops.dogsplat.finish_painting()
+    set_input(edit_modifiers(obj)[0], "Threshold", 0.8)
+    if not finished:
+        stroke(obj, "TINT", np.arange(100, 110), color=COLOR)
+    kept = shown(obj)
+    assert kept.n_splats == 110
+    bpy.context.view_layer.update()
+    assert bpy.ops.object.modifier_apply(modifier=edit_modifiers(obj)[0].name) == {"FINISHED"}
+    assert_equal(read_attributes(obj.data), kept)
+    stroke(obj, "TINT", np.arange(0))
+    stroke(obj, "ERASE", np.arange(0))
+    assert_equal(shown(obj), kept)
+
+
+@pytest.mark.parametrize("switch", ["Erase", "Tint"])
+def test_what_a_modifier_was_told_to_ignore_is_kept_by_blenders_own_apply(model, switch):
+    obj = load(model)
+    stroke(obj, "TINT", TINTED, color=COLOR)
+    stroke(obj, "ERASE", np.arange(40), weight=1.0)
+    bpy.ops.dogsplat.finish_painting()
+    both = shown(obj)
+    set_input(edit_modifiers(obj)[0], switch, False)
+    obj.update_tag()
+    assert bpy.ops.object.modifier_apply(modifier=edit_modifiers(obj)[0].name) == {"FINISHED"}
+    stroke(obj, "TINT", np.arange(0))
+    assert_equal(shown(obj), both)
