@@ -1,14 +1,20 @@
 """Primitives that planes cut off as whole ones, for what knows no cuts: each becomes the Gaussian nearest to it.
 
-In units of its standard deviations a primitive is e^(-|w|²/2), and a cut multiplies it by g(n·w) (docs/cuts.md). Beside
-the direction of n nothing changes. Along it, with t = n·w / |n|, what is left is nearest, in the mean of squares, to
+In units of its standard deviations a primitive is e^(-|w|²/2), and a cut multiplies it by g(n·w) (docs/cuts.md). A
+picture takes g at the mean of w along each ray. So of n it knows what lies across the view: a plane that faces the
+camera cuts nothing off. The flatter a primitive is, the more views look along its thinnest axis: what n has along that
+one counts little (``counted``).
+
+Beside the direction of the n that counts nothing changes. Along it, with t = n·w / |n|, what is left is nearest, in
+the mean of squares, to
 
     a e^(-(t - m)² / 2r²)
 
 with three numbers that depend on |n| alone. So the centre moves by m towards n, the primitive gets narrower by r along
 it, and its opacity is multiplied by a. Its pseudo-Gaussian goes along as a part of it. Where the colour varies over the
-primitive, each place keeps its own, but for the slopes that a curvature gives to one that has none. What a second
-plane cuts off is then a Gaussian again, along other axes and at another distance, so that it follows the first one.
+primitive, each place of a picture keeps its own, on average over the views and but for the slopes that a curvature
+gives to one that has none. What a second plane cuts off is then a Gaussian again, along other axes and at another
+distance, so that it follows the first one.
 """
 
 from __future__ import annotations
@@ -60,9 +66,11 @@ def whole(splats: Splats) -> Splats:
 def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
     """Make primitives whole that a plane cuts off, in place, and let other planes stay where they are in space."""
     at = plane.index
-    lengths = np.linalg.norm(plane.normals, axis=1)
+    across = across_views(splats.log_scales[at])  # [C, 3]
+    normals = counted(across) * plane.normals
+    lengths = np.linalg.norm(normals, axis=1)
     shift, ratio, factor = nearest_whole(lengths, plane.offsets)
-    towards = plane.normals / np.where(lengths > 0, lengths, 1)[:, None]  # [C, 3] n / |n|
+    towards = normals / np.where(lengths > 0, lengths, 1)[:, None]  # [C, 3] n / |n|
     moved = towards * shift[:, None]
     narrower = np.eye(3) + (ratio - 1)[:, None, None] * towards[:, :, None] * towards[:, None]  # [C, 3, 3]
     before = rotation_from_quaternion(splats.quats[at].astype(np.float64)) * splats.scales[at][:, None]  # [C, 3, 3]
@@ -79,21 +87,40 @@ def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
     splats.dog_log_scales[dog] = np.log(nearest_factors(along[rows], splats.dog_scales[dog].astype(np.float64)))
 
     turn = along @ narrower  # what is told by the old axes, by the new ones
+    seen = across * moved  # in a picture, on average
     sloped, rows = _common(splats.slope_index, at)
     slopes = splats.color_slopes[sloped].astype(np.float64)
-    splats.sh_coeffs[at[rows], 0] += np.einsum("ma,mac->mc", moved[rows], slopes) / C0
+    splats.sh_coeffs[at[rows], 0] += np.einsum("ma,mac->mc", seen[rows], slopes) / C0
     splats.color_slopes[sloped] = turn[rows] @ slopes
     curved, rows = _common(splats.curvature_index, at)
     Q = matrices(splats.brightness_curvatures[curved])  # q(m + w') = q(m) + mᵀ Q w' + q(w')
-    rises = np.einsum("mab,mb->ma", Q, moved[rows])
-    splats.sh_coeffs[at[rows], 0] += 0.5 * np.einsum("ma,ma->m", rises, moved[rows])[:, None] / C0
+    rises = np.einsum("mab,mb->ma", Q, seen[rows])
+    splats.sh_coeffs[at[rows], 0] += 0.5 * np.einsum("ma,ma->m", rises, seen[rows])[:, None] / C0
     splats.brightness_curvatures[curved] = turned(splats.brightness_curvatures[curved], turn[rows])
     _, of_slopes, of_curved = np.intersect1d(splats.slope_index, at[rows], return_indices=True)
     splats.color_slopes[of_slopes] += np.einsum("mba,ma->mb", turn[rows], rises)[of_curved][:, :, None]
     for other in others:
         own, rows = _common(other.index, at)
-        other.offsets[own] += np.einsum("ma,ma->m", moved[rows], other.normals[own])
+        other.offsets[own] += np.einsum("ma,ma->m", seen[rows], other.normals[own])
         other.normals[own] = np.einsum("mba,ma->mb", turn[rows], other.normals[own])
+
+
+def across_views(log_scales: Array) -> Array:
+    """[C, 3] how much of each axis of primitives lies across a view, on average over views from all sides.
+
+    In standard deviations a view has the direction S⁻¹ Rᵀ v. The mean square of its part along an axis is
+    (1 / s) / Σ (1 / s), nearly: exactly for balls, discs and rods, within .04 for all. What is left of 1 lies across.
+    """
+    inverse = np.exp(log_scales.min(axis=1, keepdims=True).astype(np.float64) - log_scales)  # 1 / s, the largest is 1
+    return 1 - inverse / inverse.sum(axis=1, keepdims=True)
+
+
+def counted(across: Array) -> Array:
+    """[C, 3] what normals are multiplied by along each axis: 1 for one that lies across half of the views or more.
+
+    Chosen by how near pictures from all sides come to those of the model (docs/export.md).
+    """
+    return np.minimum(1, 2 * across) ** 4
 
 
 def nearest_whole(lengths: Array, offsets: Array) -> tuple[Array, Array, Array]:

@@ -140,7 +140,7 @@ def test_what_is_outside_or_too_faint_counts_nothing():
     varying=[(), (0.6,), (0, 0.6), (0, 0.6, 0.6)], background=[BLACK, COLORED], negative_transmittance=[True, False]
 )
 def test_sums_over_removals_equal_real_removals_without_cutoffs(varying, background, negative_transmittance):
-    """Without cutoffs no walk ends: the change of the image is exact. ``varying``: shares of slopes, cuts, second ones."""
+    """Without cutoffs no walk ends: the change of the image is exact. ``varying``: shares with slopes, cuts, second."""
     splats, camera = rounded(random_splats(30, 6, 1, 0.5, *varying)), tilted_camera(30, 22)
     planes = noise(camera, 3)
     got = engine(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import mitsuba as mi
 import numpy as np
 import pytest
-from cut_models import with_cuts, with_second_cuts
+from cut_models import flattened, with_cuts, with_second_cuts
 from mi_dogsplat.engine.motion import moved
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.scene.splats import Splats
@@ -89,12 +89,12 @@ def colors_at(splats: Splats, points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("given", PLANES.values(), ids=PLANES)
-def test_each_place_of_what_becomes_whole_keeps_its_colour(given):
+def test_each_place_of_a_flat_primitive_that_becomes_whole_keeps_its_colour(given):
     """Where there are slopes, which take what is linear about the new centre."""
-    splats = given(with_curvatures(with_slopes(random_splats(30, degree=0), every=1)), every=1)
+    splats = flattened(given(with_curvatures(with_slopes(random_splats(30, degree=0), every=1)), every=1))
     points = points_in(splats)
     found = whole(splats)
-    np.testing.assert_allclose(colors_at(found, points), colors_at(splats, points), atol=2e-3)
+    np.testing.assert_allclose(colors_at(found, points), colors_at(splats, points), atol=5e-3)
     only_slopes = whole(replace(splats, curvature_index=[], brightness_curvatures=np.zeros((0, 6))))
     assert np.abs(found.sh_coeffs - only_slopes.sh_coeffs).max() > 0.02
     assert np.abs(found.color_slopes - only_slopes.color_slopes).max() > 0.02
@@ -104,10 +104,10 @@ def test_each_place_of_what_becomes_whole_keeps_its_colour(given):
 def test_where_there_are_no_slopes_opposite_places_keep_theirs_together(given):
     """About the new centre, nothing is lost but what is linear. After two planes that is not so: what is linear about
     the centre that the first one leaves is gone when the second one moves it."""
-    splats = given(with_curvatures(random_splats(30, degree=0), every=1), every=1)
+    splats = flattened(given(with_curvatures(random_splats(30, degree=0), every=1), every=1))
     found = whole(splats)
     there = points_in(found, np.arange(30))
     opposite = 2 * found.means.astype(np.float64)[:, None] - there
     after, before = (colors_at(of, there) + colors_at(of, opposite) for of in (found, splats))
-    np.testing.assert_allclose(after, before, atol=2e-3)
+    np.testing.assert_allclose(after, before, atol=5e-3)
     assert np.abs(colors_at(found, there) - colors_at(splats, there)).max() > 0.05
