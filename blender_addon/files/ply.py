@@ -59,15 +59,15 @@ def read_ply(path: str | Path) -> Model:
         problem = "{n} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45"
         raise FileError(path, problem, _NOT_3DGS, n=n_rest)
 
-    means = _columns(path, vertex, _POSITION)
+    means = _columns(path, tables, "vertex", _POSITION)
     rest = _rest_columns(path, tables, n_rest)
     is_dog, dog = _dog_columns(path, tables, len(means))
     return Model(
         means=means,
-        log_scales=_columns(path, vertex, _SCALE),
-        quats=_columns(path, vertex, _ROTATION),
-        logit_opacities=_columns(path, vertex, ("opacity",))[:, 0],
-        sh_coeffs=np.concatenate([_columns(path, vertex, _DC)[:, None], rest], axis=1),
+        log_scales=_columns(path, tables, "vertex", _SCALE),
+        quats=_columns(path, tables, "vertex", _ROTATION),
+        logit_opacities=_columns(path, tables, "vertex", ("opacity",))[:, 0],
+        sh_coeffs=np.concatenate([_columns(path, tables, "vertex", _DC)[:, None], rest], axis=1),
         is_dog=is_dog,
         dog_logit_opacities=dog[:, 0],
         dog_log_scales=dog[:, 1:],
@@ -127,18 +127,21 @@ def _rest_names(n_rest: int) -> tuple[str, ...]:
     return tuple(f"f_rest_{i}" for i in range(n_rest))
 
 
-def _columns(path: Path, table: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """Columns by name as float32 [rows, len(names)], all of them there and finite."""
+def _columns(path: Path, tables: dict[str, np.ndarray], element: str, names: tuple[str, ...]) -> np.ndarray:
+    """Columns of an element by name as float32 [rows, len(names)], all of them there and finite."""
+    table = tables[element]
     out = np.empty((len(table), len(names)), np.float32)
     for i, name in enumerate(names):
         if name not in (table.dtype.names or ()):
             packed = "packed_position" in (table.dtype.names or ())
-            remedy = "this is a compressed PLY, export it uncompressed" if packed else _NOT_3DGS
-            raise FileError(path, 'there is no property "{name}"', remedy, name=name)
+            remedy = _NOT_3DGS if element == "vertex" else _DAMAGED
+            remedy = "this is a compressed PLY, export it uncompressed" if packed else remedy
+            raise FileError(path, 'element "{element}" has no property "{name}"', remedy, element=element, name=name)
         out[:, i] = table[name]
     if not np.isfinite(out).all():
         row, column = np.argwhere(~np.isfinite(out))[0]
-        raise FileError(path, '"{name}" in row {row} is not finite', _DAMAGED, name=names[column], row=row)
+        problem = '"{name}" in row {row} of the element "{element}" is not finite'
+        raise FileError(path, problem, _DAMAGED, name=names[column], row=row, element=element)
     return out
 
 
@@ -146,13 +149,12 @@ def _dog_columns(path: Path, tables: dict[str, np.ndarray], n: int) -> tuple[np.
     """(is_dog [N], the columns of ``_DOG`` [N, 4]) from the element ``dog``, or from the authors' layout."""
     if "dog" not in tables:
         if _DOG[0] in (tables["vertex"].dtype.names or ()):
-            return np.ones(n, bool), _columns(path, tables["vertex"], _DOG)
+            return np.ones(n, bool), _columns(path, tables, "vertex", _DOG)
         return np.zeros(n, bool), np.zeros((n, 4), np.float32)
-    table = tables["dog"]
-    index = _index(path, table, "dog", n)
+    index = _index(path, tables, "dog", n)
     is_dog, dog = np.zeros(n, bool), np.zeros((n, 4), np.float32)
     is_dog[index] = True
-    dog[index] = _columns(path, table, _DOG)
+    dog[index] = _columns(path, tables, "dog", _DOG)
     return is_dog, dog
 
 
@@ -161,8 +163,8 @@ def _group_columns(path: Path, tables: dict[str, np.ndarray], n: int) -> dict[st
     found: dict[str, np.ndarray] = {}
     for element, (group, names) in _GROUPS.items():
         if element in tables:
-            index = _index(path, tables[element], element, n)
-            found |= group.of_some(n, index, _columns(path, tables[element], names))
+            index = _index(path, tables, element, n)
+            found |= group.of_some(n, index, _columns(path, tables, element, names))
         else:
             found |= group.of_none(n)
     return found
@@ -172,24 +174,23 @@ def _rest_columns(path: Path, tables: dict[str, np.ndarray], n_rest: int) -> np.
     """SH coefficients [N, K - 1, 3] above the constant one, from ``vertex`` or from the elements for each degree."""
     vertex, degrees = tables["vertex"], [degree for degree in (1, 2, 3) if f"sh{degree}" in tables]
     if not degrees:
-        columns = _columns(path, vertex, _rest_names(n_rest))
+        columns = _columns(path, tables, "vertex", _rest_names(n_rest))
         return columns.reshape(len(vertex), 3, n_rest // 3).transpose(0, 2, 1)  # channel-major in the file
     if n_rest:
         problem = 'view-dependent color both in the element "vertex" and in the element "{name}"'
         raise FileError(path, problem, "keep f_rest_* in one of the two", name=f"sh{degrees[0]}")
     rest = np.zeros((len(vertex), _N_REST[degrees[-1]] // 3, 3), np.float32)
     for degree in degrees:
-        table, k = tables[f"sh{degree}"], _N_REST[degree] // 3
-        columns = _columns(path, table, _rest_names(3 * k))
-        index = _index(path, table, f"sh{degree}", len(vertex))
-        rest[index, :k] = columns.reshape(len(table), 3, k).transpose(0, 2, 1)
+        element, k = f"sh{degree}", _N_REST[degree] // 3
+        columns = _columns(path, tables, element, _rest_names(3 * k))
+        rest[_index(path, tables, element, len(vertex)), :k] = columns.reshape(-1, 3, k).transpose(0, 2, 1)
     return rest
 
 
-def _index(path: Path, table: np.ndarray, element: str, n: int) -> np.ndarray:
+def _index(path: Path, tables: dict[str, np.ndarray], element: str, n: int) -> np.ndarray:
     """The column ``index`` [M]: different primitives."""
-    _columns(path, table, ("index",))
-    index = table["index"].astype(np.int64)  # float32 would round it
+    _columns(path, tables, element, ("index",))
+    index = tables[element]["index"].astype(np.int64)  # float32 would round it
     if len(index) and not (index.min() >= 0 and index.max() < n and len(np.unique(index)) == len(index)):
         problem = 'the element "{name}" does not name different primitives of 0 to {last}'
         raise FileError(path, problem, _DAMAGED, name=element, last=n - 1)

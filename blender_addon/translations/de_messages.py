@@ -44,7 +44,7 @@ MESSAGES = {
     'the header has no "end_header" line': "im Kopf fehlt die Zeile „end_header“",
     'header line "{line}" makes no sense': "die Kopfzeile „{line}“ ergibt keinen Sinn",
     'there is no element "vertex"': "es gibt kein Element „vertex“",
-    'there is no property "{name}"': "es gibt keine Eigenschaft „{name}“",
+    'element "{element}" has no property "{name}"': "Element „{element}“ hat keine Eigenschaft „{name}“",
     "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*": (
         "ein PLY für 3D Gaussian Splatting mit den Spalten x y z f_dc_* opacity scale_* rot_* angeben"
     ),
@@ -62,7 +62,9 @@ MESSAGES = {
     'element "{name}" has a list property': "das Element „{name}“ hat eine Listeneigenschaft",
     'element "{name}" holds something that is not a number': "das Element „{name}“ enthält etwas, das keine Zahl ist",
     'the file ends inside of element "{name}"': "die Datei endet mitten im Element „{name}“",
-    '"{name}" in row {row} is not finite': "„{name}“ in Zeile {row} ist nicht endlich",
+    '"{name}" in row {row} of the element "{element}" is not finite': (
+        "„{name}“ in Zeile {row} des Elements „{element}“ ist nicht endlich"
+    ),
     "the model holds values that are not finite": "das Modell enthält Werte, die nicht endlich sind",
     "delete those splats; nothing was written": "diese Splats löschen; nichts wurde geschrieben",
     # SPZ and other formats

@@ -178,8 +178,8 @@ def test_rows_that_are_wrong_in_a_file_are_one_line(addon, tmp_path, kind, colum
     unknown = whole.replace(column.encode(), b"x" * len(column))
     infinite = whole[:-4] + np.float32(np.inf).tobytes()
     for content, words in ((twice, f'element "{kind.word}" does not name different'),
-                           (unknown, f'no property "{column}"'),
-                           (infinite, f'"{column}" in row 4 is not finite')):  # fmt: skip
+                           (unknown, f'element "{kind.word}" has no property "{column}"; copy or export'),
+                           (infinite, f'"{column}" in row 4 of the element "{kind.word}" is not')):  # fmt: skip
         (tmp_path / "b.ply").write_bytes(content)
         with pytest.raises(ValueError) as error:
             addon("files.ply").read_ply(tmp_path / "b.ply")
