@@ -121,14 +121,16 @@ def test_the_import_counts_them(model, together, capfd):
 
 @pytest.mark.parametrize("applied", [False, True])
 @pytest.mark.parametrize("move", [TURN, Matrix.Diagonal((-1, 1, 1, 1)), Matrix.Diagonal((1, 2, 1.3, 1))])
-def test_a_moved_mirrored_or_stretched_model_takes_them_along(path, kind, tmp_path, move, applied):
-    obj, raw = load(path), read_ply(path)
+def test_a_moved_mirrored_or_stretched_model_takes_them_along(together, tmp_path, move, applied):
+    obj, raw = load(together), read_ply(together)
     obj.matrix_world = Matrix.Translation((0.5, 0, 1)) @ move @ Matrix.Rotation(0.4, 4, (1, 0, 1))
     bpy.context.view_layer.update()
     matrix = np.array(obj.matrix_world, float)
     if applied:
         assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
-    assert_taken_along(export(tmp_path / "out.ply"), raw, kind, matrix)
+    found = export(tmp_path / "out.ply")
+    for kind in NOTES:
+        assert_taken_along(found, raw, kind, matrix)
 
 
 def test_they_follow_vertices_that_blender_turned(path, kind):
@@ -251,6 +253,7 @@ def test_the_final_frame_shows_them(scene, by_command, path, kind, tmp_path, pla
     assert psnr(picture, reference("dog")["color"]) < 40
 
 
+@pytest.mark.parametrize("kind", ["curvatures", "second_cuts"], indirect=True)
 def test_a_whole_scene_shows_them(scene, by_command, path, kind, model, tmp_path):
     """With a wall that the camera does not see: they change what they change in the final frame of the splats alone.
 
@@ -271,6 +274,7 @@ def test_a_whole_scene_shows_them(scene, by_command, path, kind, model, tmp_path
     assert np.corrcoef(alone.ravel(), whole.ravel())[0, 1] > 0.7
 
 
+@pytest.mark.parametrize("kind", ["slopes", "second_cuts"], indirect=True)
 def test_models_of_other_formats_bring_them_along(command, path, kind, tmp_path):
     """By the command, and in this process where that has the package."""
     expected = read_ply(path)
