@@ -2,7 +2,8 @@
 without what it adds, and the photograph.
 
     dogsplat compare ../shared/data/bonsai -o DIR --downscale 2 --steps 7000 --max-primitives 100000 \\
-        --max-world-scale inf --only ours ours_slopes ours_cuts ours_second_cuts ours_curvatures
+        --max-world-scale inf \\
+        --only ours ours_slopes ours_cuts ours_preconditioned ours_second_cuts ours_curvatures
     python -m scripts.pictures.switched_off DIR ../shared/data/bonsai [PICTURE.png …]
 """
 
@@ -44,6 +45,9 @@ class Sheet:
 SHEETS = {
     "slopes.png": Sheet(("ours", "ours_slopes"), "slopes", Splats.without_slopes, "DSCF5661", (220, 131)),
     "cuts.png": Sheet(("ours_slopes", "ours_cuts"), "cuts", Splats.without_cuts, "DSCF5605", (0, 0)),
+    "second_cuts.png": Sheet(
+        ("ours_preconditioned", "ours_second_cuts"), "second cuts", Splats.without_second_cuts, "DSCF5605", (0, 0)
+    ),
     "curvatures.png": Sheet(
         ("ours_second_cuts", "ours_curvatures"), "curvatures", Splats.without_curvatures, "DSCF5605", (0, 0)
     ),
