@@ -8,6 +8,7 @@ import numpy as np
 from ..files.sh import C0, SH_TERMS
 from ..files.srgb import KNEE, LINEAR_KNEE, OFFSET, POWER, SCALE, SLOPE
 from ..objects.attributes import BASE, CURVATURE_SQUARES, SH
+from ..objects.attributes import SCALE as SPLAT_SCALE
 from ..objects.working_space import working_matrix
 from .builder import Tree, Value, Vector, arrange, new_group, wrap
 from .geometry import switch
@@ -62,11 +63,24 @@ def attribute_socket(tree: Tree, name: str, kind: str) -> bpy.types.NodeSocket:
     return node.outputs["Attribute"]
 
 
+def average_brightness(tree: Tree) -> Value:
+    """By how much curvatures make a splat brighter, on average over views from all sides.
+
+    As ``mi_dogsplat/scene/curvatures.py`` has it: a quarter of what they add along each axis, as far as that lies
+    across a view (``mi_dogsplat/scene/across.py``).
+    """
+    squares = named_attribute(tree, CURVATURE_SQUARES).split()
+    inverses = [tree.math("POWER", scale, -1.5) for scale in named_attribute(tree, SPLAT_SCALE).split()]
+    total = inverses[0] + inverses[1] + inverses[2]
+    x, y, z = [square * (1 - inverse / total) for square, inverse in zip(squares, inverses, strict=True)]
+    return (x + y + z) * 0.25
+
+
 def color_group(space: str = "") -> bpy.types.NodeTree:
     """Colour of a splat seen in a direction: max(0, SH + 0.5), as sRGB values or made linear.
 
     Linear ones, and the radiance of linear models, are those of the working space. Where the brightness curves over a
-    splat, its average is part of the colour: a sixth of the trace of its matrix.
+    splat, its average is part of the colour.
     """
     name = "DoG Splat color"
     if existing := cached_group(name, space):
@@ -83,7 +97,7 @@ def color_group(space: str = "") -> bpy.types.NodeTree:
 
     base = Vector(tree, named_attribute(tree, BASE, "FLOAT_COLOR"))
     color = base * C0 + (0.5, 0.5, 0.5)
-    color = color + named_attribute(tree, CURVATURE_SQUARES).dot((1 / 6, 1 / 6, 1 / 6))  # 0 where no splat has any
+    color = color + average_brightness(tree)  # 0 where no splat has curvatures
     for band in range(1, 4):
         total = None
         for k in range(band**2, (band + 1) ** 2):

@@ -17,9 +17,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.curvatures import ROW as CURVATURE_ROW
-from ..engine.project import NO_ROW, rows
-from ..scene.curvatures import MEAN_OF_TRACE
+from ..engine.project import rows
+from ..scene.curvatures import mean_brightness
 from ..scene.row_groups import CURVATURES
 from ..scene.sh_basis import C0
 from .transfer import srgb_to_linear
@@ -80,7 +79,7 @@ def lamps_of(params: dict, linear: bool) -> SplatLamps | None:
     """The lamps among primitives, by their colour without the directions; None where nothing is bright enough.
 
     A colour that varies over its primitive counts with its mean. Of slopes that is the colour of the centre: what they
-    add on one side they take on the other. Curvatures make it brighter than that, or darker (``MEAN_OF_TRACE``). A
+    add on one side they take on the other. Curvatures make it brighter than that, or darker (``mean_brightness``). A
     primitive that is cut off counts as whole. Where paths aim changes no mean, and what they find there varies and is
     cut off as it is.
 
@@ -118,6 +117,8 @@ def _brighter(params: dict) -> Any:
     """[N] by how much curvatures make primitives brighter on average, all channels of them."""
     if CURVATURES.index not in params:
         return 0
-    (name,), row = CURVATURES.names, params[CURVATURES.row]
-    along_axes = rows(params[name], CURVATURE_ROW, row, row != NO_ROW)[:3]
-    return MEAN_OF_TRACE * sum(along_axes)
+    (name,), index = CURVATURES.names, params[CURVATURES.index].numpy()
+    brighter = np.zeros(dr.width(params["logit_opacities"]), np.float32)
+    log_scales = params["log_scales"].numpy().reshape(-1, 3)[index]
+    brighter[index] = mean_brightness(params[name].numpy().reshape(len(index), -1), log_scales)
+    return mi.Float(brighter)

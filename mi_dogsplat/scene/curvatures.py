@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .across import across_views
 from .row_groups import Array
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -30,14 +31,14 @@ def turned(rows: Array, turn: Array) -> Array:
     return rows_of(turn @ matrices(rows) @ turn.swapaxes(1, 2))
 
 
-MEAN_OF_TRACE = 1 / 6
-"""By how much a trace of 1 makes a primitive brighter on average: what comes nearest to that in its pictures.
+MEAN_ACROSS = 1 / 4
+"""By how much an entry of 1 on the diagonal of Q makes a primitive brighter on average, where its axis lies across.
 
-A picture shows two of three axes, and the squares of its weights exp(-|w|²) have the variance ½ along each: so of the
-trace of Q it is ½ · ½ · 2/3.
+It is what comes nearest in the picture, where the squares of the weights exp(-|w|²) have the variance ½ along the axis.
 """
 
 
-def mean_brightness(rows: Array) -> Array:
-    """[B] by how much they make a primitive brighter on average."""
-    return rows[:, :3].astype(np.float64).sum(axis=1) * MEAN_OF_TRACE
+def mean_brightness(rows: Array, log_scales: Array) -> Array:
+    """[B] by how much they make primitives with ``log_scales`` [B, 3] brighter on average over views from all sides."""
+    with np.errstate(invalid="ignore"):  # of values that are not finite
+        return MEAN_ACROSS * (across_views(log_scales) * rows[:, :3]).sum(axis=1)

@@ -267,7 +267,8 @@ class Splats:
     def _flat(self, *groups: RowGroup) -> Splats:
         """Without these groups, curvatures among them; their average brightness stays."""
         flat = self._without(*groups)
-        flat.sh_coeffs[self.curvature_index, 0] += mean_brightness(self.brightness_curvatures)[:, None] / C0
+        average = mean_brightness(self.brightness_curvatures, self.log_scales[self.curvature_index])
+        flat.sh_coeffs[self.curvature_index, 0] += average[:, None] / C0
         return flat
 
     def without_cuts(self) -> Splats:

@@ -2,8 +2,7 @@
 
 In units of its standard deviations a primitive is e^(-|w|²/2), and a cut multiplies it by g(n·w) (docs/cuts.md). A
 picture takes g at the mean of w along each ray. So of n it knows what lies across the view: a plane that faces the
-camera cuts nothing off. The flatter a primitive is, the more views look along its thinnest axis: what n has along that
-one counts little (``counted``).
+camera cuts nothing off, and what n has along the thinnest axis of a flat primitive counts little (``counted``).
 
 Beside the direction of the n that counts nothing changes. Along it, with t = n·w / |n|, what is left is nearest, in
 the mean of squares, to
@@ -23,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .across import across_views
 from .curvatures import matrices, turned
 from .cuts import LARGEST, OFFSET
 from .linear_map import kernels_of
@@ -105,22 +105,12 @@ def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
         other.normals[own] = np.einsum("mba,ma->mb", turn[rows], other.normals[own])
 
 
-def across_views(log_scales: Array) -> Array:
-    """[C, 3] how much of each axis of primitives lies across a view, on average over views from all sides.
-
-    In standard deviations a view has the direction S⁻¹ Rᵀ v. The mean square of its part along an axis is
-    (1 / s) / Σ (1 / s), nearly: exactly for balls, discs and rods, within .04 for all. What is left of 1 lies across.
-    """
-    inverse = np.exp(log_scales.min(axis=1, keepdims=True).astype(np.float64) - log_scales)  # 1 / s, the largest is 1
-    return 1 - inverse / inverse.sum(axis=1, keepdims=True)
-
-
 def counted(across: Array) -> Array:
-    """[C, 3] what normals are multiplied by along each axis: 1 for one that lies across half of the views or more.
+    """[C, 3] what normals are multiplied by along each axis: how much of it lies across views, 1 for that of a ball.
 
-    Chosen by how near pictures from all sides come to those of the model (docs/export.md).
+    Found by how near pictures from all sides come to those of the model (docs/export.md).
     """
-    return np.minimum(1, 2 * across) ** 4
+    return np.minimum(1, 1.5 * across)
 
 
 def nearest_whole(lengths: Array, offsets: Array) -> tuple[Array, Array, Array]:

@@ -64,7 +64,8 @@ def curvature_losses(
     """The same without the curvatures of a primitive. Arguments as for ``slope_losses``."""
     average = np.zeros(dr.width(params["logit_opacities"]))
     rows = params["brightness_curvatures"].numpy().reshape(-1, ROW)
-    average[params["curvature_index"].numpy()] = mean_brightness(rows)
+    index = params["curvature_index"].numpy()
+    average[index] = mean_brightness(rows, params["log_scales"].numpy().reshape(-1, 3)[index])
     b = device_array(average)
 
     def change(projection: Projection) -> Any:

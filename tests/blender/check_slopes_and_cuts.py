@@ -224,7 +224,9 @@ def test_the_panel_says_what_blender_does_not_draw(scene, path, kind, model, tog
 def test_blender_draws_the_average_brightness(scene, tmp_path):
     """As of the model whose colours have it."""
     raw = read_ply(REFERENCES / "curvatures.ply")
-    raw.sh_coeffs[:, 0] += raw.brightness_curvatures[:, :3].sum(axis=1, keepdims=True) / 6 / C0
+    inverse = np.exp(-1.5 * raw.log_scales)
+    across = 1 - inverse / inverse.sum(axis=1, keepdims=True)
+    raw.sh_coeffs[:, 0] += (across * raw.brightness_curvatures[:, :3]).sum(axis=1, keepdims=True) / 4 / C0
     flat = replace(raw, **CURVATURES.of_none(raw.n_splats))
     write_ply(tmp_path / "flat.ply", flat)
     place_camera(scene, "curvatures")

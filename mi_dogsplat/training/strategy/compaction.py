@@ -169,8 +169,9 @@ def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
     whole = replace(splats.uniform_sh(), sh_coeffs=options.bands.fitted(degrees)).select(chosen.kept)
     left: dict[str, np.ndarray] = {}
     flatter = ~np.isin(whole.curvature_index, chosen.curvatures)
-    average = mean_brightness(whole.brightness_curvatures[flatter])
-    whole.sh_coeffs[whole.curvature_index[flatter], 0] += average[:, None] / C0
+    index = whole.curvature_index[flatter]
+    average = mean_brightness(whole.brightness_curvatures[flatter], whole.log_scales[index])
+    whole.sh_coeffs[index, 0] += average[:, None] / C0
     for group, places in zip((DOG, *OWN_AXES), chosen.of_groups, strict=True):
         rows = np.isin(getattr(whole, group.index), places)
         left |= {name: getattr(whole, name)[rows] for name in (group.index, *group.names)}
