@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mi_dogsplat.formats.sizes import Prices
+from mi_dogsplat.scene.curvatures import mean_brightness
 from mi_dogsplat.scene.row_groups import CUTS, DOG, OWN_AXES, SECOND_CUTS
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import Bands
@@ -123,8 +124,8 @@ def test_curvatures_go_where_they_gain_least_for_their_bytes_and_leave_their_mea
     model, rows = as_chosen(splats, options, chosen), np.array(curvatures) - 1
     np.testing.assert_array_equal(model.curvature_index, curvatures)
     np.testing.assert_array_equal(model.brightness_curvatures, splats.brightness_curvatures[rows])
-    average = np.zeros(4)  # of what went, by hand
-    average[1:] = splats.brightness_curvatures[:, :3].sum(axis=1) / 6
+    average = np.zeros(4)  # of what went
+    average[1:] = mean_brightness(splats.brightness_curvatures, splats.log_scales[1:])
     average[curvatures] = 0
     brighter = C0 * (model.uniform_sh().sh_coeffs[:, 0] - splats.uniform_sh().sh_coeffs[kept, 0])
     np.testing.assert_allclose(brighter, np.repeat(average[kept, None], 3, axis=1), atol=1e-6)
