@@ -64,7 +64,7 @@ def whole(splats: Splats) -> Splats:
 
 
 def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
-    """Make primitives whole that a plane cuts off, in place, and let other planes stay where they are in space."""
+    """Make primitives whole that a plane cuts off, in place; other planes stay where pictures show them."""
     at = plane.index
     across = across_views(splats.log_scales[at])  # [C, 3]
     normals = counted(across) * plane.normals
