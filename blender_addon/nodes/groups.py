@@ -15,6 +15,7 @@ from .geometry import switch
 from .material import VERSION
 
 LOW_PASS = 0.3  # px², so that no splat falls between the pixels, as in 3DGS
+LEAST_SCALE = 1e-20  # below, its power -1.5 is no float32 any more
 NEAREST_LEVEL = 255.0  # opacities below 1/255 are not seen
 GEOMETRY = "GeometryNodeTree"
 SPACE = "dogsplat_space"  # of a group: the working space that it is for; without one it is Linear Rec.709
@@ -70,7 +71,8 @@ def average_brightness(tree: Tree) -> Value:
     across a view (``mi_dogsplat/scene/across.py``).
     """
     squares = named_attribute(tree, CURVATURE_SQUARES).split()
-    inverses = [tree.math("POWER", scale, -1.5) for scale in named_attribute(tree, SPLAT_SCALE).split()]
+    scales = [tree.math("MAXIMUM", scale, LEAST_SCALE) for scale in named_attribute(tree, SPLAT_SCALE).split()]
+    inverses = [tree.math("POWER", scale, -1.5) for scale in scales]
     total = inverses[0] + inverses[1] + inverses[2]
     x, y, z = [square * (1 - inverse / total) for square, inverse in zip(squares, inverses, strict=True)]
     return (x + y + z) * 0.25

@@ -240,6 +240,22 @@ def test_blender_draws_the_average_brightness(scene, tmp_path):
     assert np.abs(drawn - expected).max() < 1e-4 < 1e-2 < np.abs(without - expected).max()
 
 
+def test_a_splat_as_thin_as_can_be_has_a_color(scene, tmp_path):
+    """Its average brightness takes a power of its scales, which float32 holds of larger ones only."""
+    raw = read_ply(REFERENCES / "curvatures.ply")
+    place_camera(scene, "curvatures")
+    pictures = []
+    for thinnest in (-30, -70):
+        raw.log_scales[:, 0] = thinnest
+        write_ply(tmp_path / "thin.ply", raw)
+        obj = load(tmp_path / "thin.ply")
+        bpy.ops.dogsplat.exact_settings()
+        pictures.append(rendered(scene, "CYCLES", tmp_path))
+        bpy.data.objects.remove(obj)
+    assert np.isfinite(pictures).all() and np.std(pictures[0]) > 0.05
+    assert np.abs(pictures[1] - pictures[0]).max() < 1e-4
+
+
 @pytest.mark.parametrize("placed", [False, True])
 def test_the_final_frame_shows_them(scene, by_command, path, kind, tmp_path, placed):
     place_camera(scene, kind)
