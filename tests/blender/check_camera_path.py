@@ -12,7 +12,7 @@ from bpy_extras.object_utils import world_to_camera_view
 from edits import PLACED
 from mathutils import Vector
 from model_files import load
-from package_command import COMMAND
+from package_command import COMMAND, SECONDS
 
 from blender_addon.objects.attributes import read_attributes
 
@@ -67,7 +67,7 @@ def test_the_film_of_a_path_is_made(animated, model, tmp_path):
     exported(tmp_path)
     command = [*COMMAND, "film", str(model), "-o", str(tmp_path / "frames")]
     command += ["--path", str(tmp_path / "keys.json"), "--fps", "3"]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
     assert done.returncode == 0, done.stderr
     assert "3 frames of 64 x 48, 1 s; through 9 key frames" in done.stdout
 

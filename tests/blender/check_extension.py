@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 import pytest
 from model_files import load
+from package_command import SECONDS
 from references import REFERENCES
 
 ROOT = Path(__file__).parents[2]
@@ -19,7 +20,7 @@ KINDS = (bpy.types.Operator, bpy.types.Panel, bpy.types.Menu, bpy.types.Property
 def package(tmp_path_factory):
     folder = tmp_path_factory.mktemp("built")
     script = ROOT / "scripts" / "release" / "addon.sh"
-    subprocess.run([script, bpy.app.binary_path or sys.executable, folder], check=True)
+    subprocess.run([script, bpy.app.binary_path or sys.executable, folder], check=True, timeout=SECONDS)
     (path,) = folder.glob("dogsplat-*.zip")
     return path
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 from model_files import load
-from package_command import COMMAND
+from package_command import COMMAND, SECONDS
 from references import REFERENCES, place_camera, reference
 from surroundings import plane
 
@@ -39,7 +39,8 @@ def layers_of(scene, folder):
         "np.savez(sys.argv[2], header=json.dumps(header), "
         "**{name: c.pixels for p in parts for name, c in p.channels.items()})"
     )
-    subprocess.run([COMMAND[0], "-c", script, str(folder / "passes.exr"), str(folder / "passes.npz")], check=True)
+    command = [COMMAND[0], "-c", script, str(folder / "passes.exr"), str(folder / "passes.npz")]
+    subprocess.run(command, check=True, timeout=SECONDS)
     seen = dict(np.load(folder / "passes.npz"))
     return seen, json.loads(str(seen.pop("header")))
 

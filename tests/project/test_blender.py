@@ -13,7 +13,9 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -110,45 +112,44 @@ def pytest_of(python: Path) -> list[str]:
     return [str(python), "--background", "--factory-startup", "--python-exit-code", "1", "--python", inside, "--"]
 
 
-@pytest.fixture(scope="session")
-def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], list[ET.Element]]:
-    """The JUnit records of every check, one per set of its parameters, by Python and by name."""
+def run_checks(python: Path, references: Path, report: Path) -> dict[str, list[ET.Element]]:
+    """The JUnit records of every check, one per set of its parameters, by name."""
+    environment = {
+        **os.environ,
+        "DOGSPLAT_REFERENCES": str(references),
+        "DOGSPLAT_SHARED": str(SHARED),
+        "DOGSPLAT_COMMAND": json.dumps([sys.executable, "-m", "mi_dogsplat"]),
+        "PYTHONPATH": str(ROOT),
+    }
+    for name in [name for name in environment if name.startswith("PYTEST_")]:
+        del environment[name]
+    command = [
+        *pytest_of(python),
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        f"--confcutdir={ROOT / 'tests' / 'blender'}",
+        "-o",
+        "python_files=check_*.py",
+        "-o",
+        "junit_family=xunit1",
+        f"--junitxml={report}",
+        *map(str, FILES),
+    ]
+    run = subprocess.run(command, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    if not report.exists() or run.returncode > 1:  # of checks that ran it is 0 or 1
+        raise RuntimeError(f"{python} stopped:\n{run.stdout[-4000:]}\n{run.stderr[-2000:]}")
     found = defaultdict(list)
-    for python in PYTHONS:
-        if not python.exists():
-            continue
-        report = tmp_path_factory.mktemp("report") / "junit.xml"
-        environment = {
-            **os.environ,
-            "DOGSPLAT_REFERENCES": str(references),
-            "DOGSPLAT_SHARED": str(SHARED),
-            "DOGSPLAT_COMMAND": json.dumps([sys.executable, "-m", "mi_dogsplat"]),
-            "PYTHONPATH": str(ROOT),
-        }
-        for name in [name for name in environment if name.startswith("PYTEST_")]:
-            del environment[name]
-        command = [
-            *pytest_of(python),
-            "-q",
-            "-p",
-            "no:cacheprovider",
-            f"--confcutdir={ROOT / 'tests' / 'blender'}",
-            "-o",
-            "python_files=check_*.py",
-            "-o",
-            "junit_family=xunit1",
-            f"--junitxml={report}",
-            *map(str, FILES),
-        ]
-        run = subprocess.run(
-            command, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True
-        )
-        if not report.exists() or run.returncode > 1:  # of checks that ran it is 0 or 1
-            raise RuntimeError(f"{python} stopped:\n{run.stdout[-4000:]}\n{run.stderr[-2000:]}")
-        for case in ET.parse(report).iter("testcase"):
-            name = case.get("name", "").split("[")[0]
-            found[str(python), f"{Path(case.get('file', '')).stem}::{name}"].append(case)
+    for case in ET.parse(report).iter("testcase"):
+        name = case.get("name", "").split("[")[0]
+        found[f"{Path(case.get('file', '')).stem}::{name}"].append(case)
     return found
+
+
+@pytest.fixture(scope="session")
+def outcomes(references, tmp_path_factory) -> Callable[[Path], dict[str, list[ET.Element]]]:
+    """``run_checks`` of a Python: each in the first test that asks for it, whose time limit it has to itself."""
+    return cache(lambda python: run_checks(python, references, tmp_path_factory.mktemp("report") / "junit.xml"))
 
 
 @pytest.mark.slow
@@ -157,7 +158,7 @@ def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], list[ET.Elem
 def test_in_blender(python, check, request):
     if not python.exists():
         pytest.skip(f'there is no Python with bpy at {python}: run "make blender" (Python 3.11, 400 MB)')
-    cases = request.getfixturevalue("outcomes")[str(python), check]
+    cases = request.getfixturevalue("outcomes")(python).get(check)
     assert cases, f"{check} did not run"
     troubles = [(case, t) for case in cases for t in [*case.findall("failure"), *case.findall("error")]]
     for case, trouble in troubles:

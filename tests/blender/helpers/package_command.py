@@ -6,7 +6,7 @@ import signal
 import subprocess
 
 COMMAND = tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))
-SECONDS = 600  # for an answer: the longest takes some ten, and a busy machine may need many times as much
+SECONDS = 600  # that a process may take: the longest takes some ten, and a busy machine may need many times as much
 
 
 def by_package(script: str, *arguments: str, seconds: float = SECONDS):
