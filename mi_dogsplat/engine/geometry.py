@@ -7,6 +7,7 @@ loads serves the whole block; the lanes of a packet walk down the list of one ti
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -52,6 +53,12 @@ class Blocks:
     @property
     def tile_height(self) -> int:
         return self.stride_y * self.lanes_y
+
+    def patches(self, size: int) -> Iterator[tuple[range, range]]:
+        """(Columns, rows) of patches of ``size`` x ``size`` pixels; those at the right and bottom may be smaller."""
+        for top in range(0, self.height, size):
+            for left in range(0, self.width, size):
+                yield range(left, min(left + size, self.width)), range(top, min(top + size, self.height))
 
     def tiles_as(self, other: Blocks) -> bool:
         """Whether tiles, and blocks in them, begin at the same pixels."""

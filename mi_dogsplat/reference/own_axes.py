@@ -7,6 +7,8 @@ multiplies kernels w standard deviations away from the centre, and the primitive
 
     g(w) = (1 + e^-4) / (1 + e^(-4 - n.w))
 
+In a picture n.w is h.d at the offset d, and h is 16 long at most.
+
 A model that has no such arrays is of even colours, or whole.
 """
 
@@ -16,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scene.cuts import OFFSET
+from ..scene.cuts import OFFSET, STEEPEST
 from ..scene.row_groups import OWN_AXES, RowGroup
 
 if TYPE_CHECKING:
@@ -52,6 +54,16 @@ def own_axes_names(splats: Splats) -> tuple[str, ...]:
 def kept(along_normal: np.ndarray) -> np.ndarray:
     """g of n.w; neither far out nor far beyond the plane does it overflow."""
     return LARGEST_KEPT * np.exp(-np.logaddexp(0, -OFFSET - along_normal))
+
+
+def no_steeper(h: np.ndarray) -> np.ndarray:
+    """Changes of n.w per pixel, [n, 2], shortened to what a picture shows."""
+    return h * (STEEPEST / np.maximum(lengths(h), STEEPEST))[:, None]
+
+
+def lengths(h: np.ndarray) -> np.ndarray:
+    """[n] of vectors [n, 2], however long."""
+    return np.hypot(*h.T)
 
 
 def largest_kept(cut: np.ndarray) -> np.ndarray:

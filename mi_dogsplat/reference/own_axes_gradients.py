@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .own_axes import quadratic_forms
+from ..scene.cuts import STEEPEST
+from .own_axes import lengths, quadratic_forms
 from .projection import LOW_PASS, conics_times_axes
 
 
@@ -24,8 +25,7 @@ def own_axes_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, coni
                       δg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """δvalues as the values are, δlog_scales [n, 3], δω [n, 3] and δC [n, 2, 3].
 
-    From δg [n, K, 2], the adjoint of `Projection.slopes` or `cuts`, and the values per standard deviation, [n, 3, K],
-    or [n, 3] for K = 1.
+    From δg [n, K, 2], the adjoint of P^T values, and the values per standard deviation, [n, 3, K], or [n, 3] for K = 1.
     """
     shape, values = values.shape, values.reshape(*values.shape[:2], -1)
     S, δg = scales[:, None, :], δg.swapaxes(1, 2)  # [n, 1, 3], [n, 2, 3]
@@ -42,6 +42,26 @@ def own_axes_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, coni
     turned = (B.swapaxes(1, 2) @ δP @ unseen - B.swapaxes(1, 2) @ V @ G.swapaxes(1, 2)) * S  # C^T δV S
     δω = turned[:, [2, 0, 1], [1, 2, 0]] - turned[:, [1, 2, 0], [2, 0, 1]]
     return (P.swapaxes(1, 2) @ δg).reshape(shape), along, δω, δV * S
+
+
+def cuts_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, normals: np.ndarray,
+                  δh: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The same from δh [n, 2], the adjoint of `Projection.cuts`, and the normals [n, 3]."""
+    P = conics_times_axes(C, scales**2, cov2d, conics) * scales[:, None, :]
+    δg = no_steeper_backward(np.einsum("nij,nj->ni", P, normals), δh)
+    return own_axes_backward(C, scales, cov2d, conics, normals, δg[:, None])
+
+
+def no_steeper_backward(h: np.ndarray, δ: np.ndarray) -> np.ndarray:
+    """δ of changes per pixel [n, 2], from that of what `no_steeper` makes of them.
+
+    Where they are shortened their direction matters, and their length does not.
+    """
+    length = lengths(h)[:, None]
+    at_least = np.maximum(length, STEEPEST)
+    direction = h / at_least  # of length 1, where it is shortened
+    turned = δ - (δ * direction).sum(1, keepdims=True) * direction
+    return np.where(length > STEEPEST, turned * (STEEPEST / at_least), δ)
 
 
 def curvatures_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, values: np.ndarray,

@@ -22,7 +22,7 @@ from ..scene.row_groups import CURVATURES, PLANES, SLOPES
 from .forward import RAW_PARAMETERS
 from .mixed_sh import padded_sh, unpadded_sh
 from .own_axes import index_of, values_of
-from .own_axes_gradients import curvatures_backward, own_axes_backward
+from .own_axes_gradients import curvatures_backward, cuts_backward, own_axes_backward
 from .projection import (
     LOW_PASS,
     MIN_ANTIALIAS_RATIO,
@@ -89,15 +89,15 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     δ["dog_logit_opacities"][dog] = pseudo_moments[i, 0] * sigmoid(-raw["dog_logit_opacities"][dog])
     δ["logit_opacities"][seen] = δlog_opacities[seen] * sigmoid(-raw["logit_opacities"][seen])
 
-    of_planes = zip(PLANES, cut_moments[:, :, None, 1:], strict=True)
-    for group, δper_pixel in ((SLOPES, δcolor_slopes), (CURVATURES, δcurvatures), *of_planes):
+    of_kinds = [(SLOPES, δcolor_slopes, own_axes_backward), (CURVATURES, δcurvatures, curvatures_backward)]
+    of_kinds += [(plane, δcuts, cuts_backward) for plane, δcuts in zip(PLANES, cut_moments[:, :, 1:], strict=True)]
+    for group, δper_pixel, backward in of_kinds:
         index, values = index_of(splats, group), values_of(splats, group)
         if not len(index):
             continue
         found = np.flatnonzero(p.visible[index])  # rows of the group
         i = index[found]
         at = np.searchsorted(seen, i)
-        backward = curvatures_backward if group is CURVATURES else own_axes_backward
         δvalues, *parts = backward(C[at], scales[at], p.cov2d[i], p.conics[i], values[found], δper_pixel[i])
         (name,) = group.names
         δ[name] = np.zeros_like(values)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..scene.row_groups import CURVATURES, OWN_AXES, PLANES, SLOPES
 from .mixed_sh import padded_sh
-from .own_axes import index_of, largest_kept, quadratic_forms, values_of
+from .own_axes import index_of, largest_kept, no_steeper, quadratic_forms, values_of
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -190,7 +190,7 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
     cut, cuts = np.zeros((len(PLANES), n), bool), np.zeros((len(PLANES), n, 2))
     for k, plane in enumerate(PLANES):
         i = index_of(splats, plane)
-        cuts[k, i], cut[k, i] = np.einsum("nij,nj->ni", per_pixel(i), values_of(splats, plane)), True
+        cuts[k, i], cut[k, i] = no_steeper(np.einsum("nij,nj->ni", per_pixel(i), values_of(splats, plane))), True
 
     largest = largest_kept(cut)
     extents = np.maximum(_extents(cov2d, opacities * largest), _extents(pseudo_cov2d, pseudo_opacities * largest))

@@ -46,6 +46,17 @@ def test_the_low_pass_filter_makes_cuts_of_tiny_primitives_gentle():
     np.testing.assert_allclose(cut, [2 * 0.3 / (0.3**2 + 0.3), 5 * 0.33 / (0.33**2 + 0.3)], rtol=1e-12)
 
 
+@pytest.mark.parametrize("times", [9, 11, 1e3, 1e200])
+def test_no_cut_is_steeper_than_sixteen_per_pixel(times):
+    """The longer normals are shown in the same direction."""
+    camera, shape, normal = make_camera(f=60.0), ([0, 0, 2], 0.02), np.array([1.0, 1.5, -2])
+    (((gentle,), _), ((cut,), _)) = (reference.project(CUT.given(make_splats(*shape), n), camera).cuts
+                                     for n in (normal, times * normal))  # fmt: skip
+    length = np.hypot(*gentle)
+    assert 9 * length < 16 < 11 * length
+    np.testing.assert_allclose(cut, gentle * min(times, 16 / length), rtol=1e-12)
+
+
 def test_a_cut_along_the_line_of_sight_is_not_seen():
     splats = CUT.given(make_splats([0, 0, 2], (0.2, 0.4, 0.3)), (0, 0, 50))
     camera = make_camera(f=60.0)

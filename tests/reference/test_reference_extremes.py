@@ -60,7 +60,9 @@ def exact_loss(raw: dict, color: np.ndarray, camera, adjoint: np.ndarray, antial
         colors = colors + brighter[:, None]
     plane = Decimal(-4)
     for normal in [raw[name] for name in ("cut_normals", "second_cut_normals") if name in raw]:
-        alpha = alpha * np.array([(1 + plane.exp()) / (1 + (plane - n).exp()) for n in w @ normal])
+        h = inverse @ A @ normal  # per pixel
+        h = h * min(Decimal(1), 16 / max(Decimal(1), (h @ h).sqrt()))
+        alpha = alpha * np.array([(1 + plane.exp()) / (1 + (plane - n).exp()) for n in offsets.T @ h])
     over = (colors - number(BACKGROUND)) * number(adjoint.swapaxes(0, 1).reshape(-1, 3))
     return (alpha[:, None] * over).sum()
 

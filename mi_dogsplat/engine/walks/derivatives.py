@@ -14,15 +14,14 @@ from collections import namedtuple
 import drjit as dr
 import mitsuba as mi
 
-from ..arrays import array_types, if_stmt
+from ..arrays import if_stmt
 from ..bands import PreparedView, WalkableView
-from ..curvatures import COLUMNS as CURVATURE_COLUMNS
 from ..curvatures import curved_by, curved_slope
 from ..cuts import by_plane
 from ..frozen import frozen
-from ..geometry import Blocks
 from ..slopes import CHANNELS
 from ..tables import parts_of, varying_columns
+from .block_sums import of_curvatures, of_kernel, of_plane
 from .kept import Kept
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
@@ -83,7 +82,7 @@ def _composite_backward(
 
         def add(slot, dog_row, dx, dy, δp):
             kernel = walk.pseudo_row(dog_row)
-            δ = Projected(*moments(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
+            δ = Projected(*of_kernel(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
             rows.add(slot, [*δ[-N_PSEUDO:]], True)
             return δ.x, δ.y
 
@@ -95,21 +94,9 @@ def _composite_backward(
         δcuts = []
         for kept, (hx, hy) in zip(planes, by_plane(meeting.row.cuts), strict=True):
             δexponents = [δ * fall for δ, fall in zip(both, kept.falls, strict=True)]
-            δ0 = δx = δy = Float(0)
-            for k, δ in enumerate(δexponents):
-                δ0, δx, δy = δ0 + δ, dr.fma(k % blocks.width, δ, δx), dr.fma(k // blocks.width, δ, δy)
-            δrow = δrow._replace(x=dr.fma(-hx, δ0, δrow.x), y=dr.fma(-hy, δ0, δrow.y))
-            δcuts += [dr.fma(meeting.dx, δ0, δx), dr.fma(meeting.dy, δ0, δy)]
+            δx, δy, *δh = of_plane(δexponents, hx, hy, meeting.dx, meeting.dy, blocks)
+            δrow, δcuts = δrow._replace(x=δrow.x + δx, y=δrow.y + δy), δcuts + δh
         return δrow, δcuts
-
-    def curved_part(meeting: Meeting, δbrightness: list, δrow: Projected) -> tuple:
-        """(δ of the row with what the centre does by way of the curvatures, δ of qxx, qxy and qyy)."""
-        δq = [Float(0)] * CURVATURE_COLUMNS
-        for δ, (x, y) in zip(δbrightness, walk.offsets(meeting), strict=True):
-            by_x, by_y = curved_slope(meeting.row.curvatures, x, y)
-            δrow = δrow._replace(x=dr.fma(-by_x, δ, δrow.x), y=dr.fma(-by_y, δ, δrow.y))
-            δq = [dr.fma(product, δ, total) for product, total in zip((x * x, x * y, y * y), δq, strict=True)]
-        return δrow, δq
 
     def step(meeting: Meeting, T: list, rest: list) -> None:
         slot, colors, dx, dy = walk.slot(meeting), walk.features(meeting), meeting.dx, meeting.dy
@@ -140,7 +127,7 @@ def _composite_backward(
                 δp_pseudo.append(dr.select(alphas.pseudo[k] < ALPHA_MAX, -δα * alphas.pseudo[k], 0))
             T[k] = behind
         kernel = meeting.row.kernel
-        δrow = Projected(*moments(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
+        δrow = Projected(*of_kernel(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
         if pseudo_rows is not None:
             δx, δy = pseudo_part(pseudo_rows, alphas, slot, dx, dy, δp_pseudo)
             δrow = δrow._replace(x=δrow.x + δx, y=δrow.y + δy)
@@ -150,37 +137,13 @@ def _composite_backward(
             δrow = δrow._replace(x=dr.fma(-gx, δ, δrow.x), y=dr.fma(-gy, δ, δrow.y))  # dx, dy are from there
         δq = []
         if meeting.row.curvatures:
-            δrow, δq = curved_part(meeting, δbrightness, δrow)
+            δx, δy, *δq = of_curvatures(δbrightness, meeting.row.curvatures, dx, dy, blocks)
+            δrow = δrow._replace(x=δrow.x + δx, y=δrow.y + δy)
         δrow, δcuts = cut_part(meeting, alphas.kept, δp, δp_pseudo, δrow)
         rows.add(slot, [*δrow, *δf, *δgx, *δgy, *δq, *δcuts], meeting.active)
 
     walk.run(step, rest, "composite_backward")
     return rows.sums(above=above), pseudo_rows.sums(view.tables.dog_index, pseudo_above) if pseudo_rows else []
-
-
-def moments(δp: list, ux, uy, vy, dx, dy, blocks: Blocks) -> list:
-    """δ of x, y, ux, uy, vy and lo of a kernel from δp at every pixel of a block.
-
-    (dx, dy) lead from the centre of the kernel to the first pixel.
-    """
-    Float = array_types().Float
-    # sums over the block of δp k^a r^b, with column k and row r counted from its corner
-    m0 = mk = mr = mkk = mkr = mrr = Float(0)
-    for r in range(blocks.height):
-        row = δp[r * blocks.width : (r + 1) * blocks.width]
-        s0, sk, skk = row[0], Float(0), Float(0)
-        for k, δ in enumerate(row[1:], 1):
-            s0, sk, skk = s0 + δ, dr.fma(k, δ, sk), dr.fma(k * k, δ, skk)
-        m0, mk, mkk = m0 + s0, mk + sk, mkk + skk
-        if r:
-            mr, mkr, mrr = dr.fma(r, s0, mr), dr.fma(r, sk, mkr), dr.fma(r * r, s0, mrr)
-    # u and v at the corner, where they are small numbers next to a needle; then sums of δp u, δp v, δp u dx, ...
-    u, v = dr.fma(ux, dx, uy * dy), vy * dy
-    mu, mv = dr.fma(u, m0, dr.fma(ux, mk, uy * mr)), dr.fma(v, m0, vy * mr)
-    mux = dr.fma(dx, mu, dr.fma(u, mk, dr.fma(ux, mkk, uy * mkr)))
-    muy = dr.fma(dy, mu, dr.fma(u, mr, dr.fma(ux, mkr, uy * mrr)))
-    mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
-    return [2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0]
 
 
 def composite_forward(view: WalkableView, δsplats: list, δpseudo: list) -> Planes:
@@ -201,8 +164,8 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above
             δu = δ.ux * x + δ.uy * y - ux * δ.x - uy * δ.y
             δv = δ.vy * y - vy * δ.y
             δp = δ.lo - 2 * (u * δu + v * δv)
-            for of_plane in δkept:
-                δp = δp + of_plane[k]
+            for δlog_g in δkept:
+                δp = δp + δlog_g[k]
             result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
         return result
 

@@ -29,19 +29,17 @@ def kernel_values(kernel: KernelRow, dx, dy, blocks: Blocks, patch: int, exp2: C
 
     Args:
         dx, dy: from the centre of the kernel to the first pixel of the block.
-        patch: width and height of a patch, pixels; those at the right and bottom border may be smaller.
+        patch: width and height of a patch, pixels.
     """
     values: list = [None] * (blocks.width * blocks.height)
-    for top in range(0, blocks.height, patch):
-        for left in range(0, blocks.width, patch):
-            columns = range(left, min(left + patch, blocks.width))
-            first, right, down = _first_pixel(kernel, dx + left, dy + top, exp2)
-            for row in range(top, min(top + patch, blocks.height)):
-                value, ratio = first, right
-                for column in columns:
-                    values[row * blocks.width + column] = value
-                    value, ratio = value * ratio, ratio * kernel.q
-                first, right, down = first * down, right * kernel.s, down * kernel.t
+    for columns, rows in blocks.patches(patch):
+        first, right, down = _first_pixel(kernel, dx + columns[0], dy + rows[0], exp2)
+        for row in rows:
+            value, ratio = first, right
+            for column in columns:
+                values[row * blocks.width + column] = value
+                value, ratio = value * ratio, ratio * kernel.q
+            first, right, down = first * down, right * kernel.s, down * kernel.t
     return values
 
 

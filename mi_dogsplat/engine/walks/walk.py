@@ -192,7 +192,8 @@ class Walk:
         """α, and what it is made of."""
         primary = self._kernel(meeting.row.kernel, meeting.dx, meeting.dy)
         pseudo, dog_row, is_dog = self._pseudo_kernel(meeting) if self.has_dog else (None, None, None)
-        kept, whole = all_kept(meeting.row.cuts, self.offsets(meeting), self.exp2), (primary, pseudo)
+        block = meeting.dx, meeting.dy, self.blocks, self.settings.patch, self.exp2
+        kept, whole = all_kept(meeting.row.cuts, *block), (primary, pseudo)
         primary, pseudo = left_of(primary, kept), None if pseudo is None else left_of(pseudo, kept)
         return Alphas(self._alphas_of(primary, pseudo), kept, primary, pseudo, dog_row, is_dog, whole)
 
