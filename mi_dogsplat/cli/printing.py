@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..support.wording import counted
+
 if TYPE_CHECKING:
     from ..editing.clean import Cleaned
     from ..editing.simplify import Simplified
@@ -28,7 +30,7 @@ def loss_table(exported: Exported) -> list[str]:
     if not exported.losses:
         return []
     photographs = any(loss.of_photographs is not None for loss in exported.losses)
-    lines = [f"PSNR over {exported.n_views} views{'':6s}of the model" + "   of photographs" * photographs]
+    lines = [f"PSNR over {counted(exported.n_views, 'view'):14s}of the model" + "   of photographs" * photographs]
     for loss in exported.losses:
         columns = [f"{'-':>6s}   " if loss.of_model is None else f"{loss.of_model:6.2f} dB"]
         if loss.of_photographs is not None:

@@ -17,6 +17,7 @@ from ..scene.row_groups import OWN_AXES
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..scene.whole import whole
+from ..support.wording import counted
 
 EXTENT = 3.0  # standard deviations, the default of Mitsuba; a Gaussian is 1.1 % of its peak there
 MIN_OPACITY = 1 / 255  # fainter primitives are not drawn by ``dogsplat`` either
@@ -106,13 +107,13 @@ def _report(splats: Splats, n_hidden: int, linear: bool) -> None:
         log(mi.LogLevel.Warn, "to_ellipsoids: its colours are linear radiance; set srgb_primitives to false")
     left_out = []
     if splats.n_dog:
-        left_out.append(f"the negative part of {splats.n_dog} DoG primitives")
+        left_out.append(f"the negative part of {counted(splats.n_dog, 'DoG primitive')}")
     if splats.n_slopes:
-        left_out.append(f"the slopes of {splats.n_slopes} primitives whose colour varies over them")
+        left_out.append(f"the slopes of {counted(splats.n_slopes, 'primitive')}")
     if splats.n_curvatures:
-        left_out.append(f"the curvatures of {splats.n_curvatures} primitives whose brightness curves over them")
+        left_out.append(f"the curvatures of {counted(splats.n_curvatures, 'primitive')}")
     if n_cut := splats.is_cut.sum():
-        left_out.append(f"the cuts of {n_cut} primitives")
+        left_out.append(f"the cuts of {counted(n_cut, 'primitive')}")
     if n_hidden:
         left_out.append(f"{n_hidden} of {splats.n_splats} primitives that are fainter than 1/255 or not finite")
     if left_out:

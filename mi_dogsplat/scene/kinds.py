@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..support.wording import count
+from ..support.wording import count, in_words
 from .splats import Splats
 
 COUNTED = {
@@ -29,3 +29,9 @@ def kinds(numbers: Mapping[str, object]) -> str:
 def kinds_of(splats: Splats) -> str:
     """Those of a model; nothing of kinds that it has not, unless it is DoG."""
     return kinds({name: getattr(splats, name) or None for name in COUNTED} | {"n_dog": splats.n_dog})
+
+
+def varying(splats: Splats) -> str:
+    """By what colours vary over primitives: ``slopes``, ``curvatures``, both of them, or nothing."""
+    rows = {"slopes": splats.n_slopes, "curvatures": splats.n_curvatures}
+    return in_words([name for name, number in rows.items() if number])
