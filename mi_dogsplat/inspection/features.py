@@ -114,6 +114,7 @@ def _row_features(
 
 def _sh_features(parts: list[Splats]) -> list[Feature]:
     stored, used = np.hstack([(s.sh_degrees, used_sh_degrees(s)) for s in parts])  # [N] degree of each primitive
+    pays = any(Unneeded.of(part).saved_by_mixing > 0 for part in parts)
     features = []
     for degree in range(1, MAX_SH_DEGREE + 1):
         if degree > stored.max(initial=0):
@@ -127,7 +128,8 @@ def _sh_features(parts: list[Splats]) -> list[Feature]:
         if degree > used.max(initial=0):
             zero = f"all of its coefficients are zero, {wasted}; {CLEAN}; "
         elif zeros:
-            cost += f"; zero in {counted(zeros, 'primitive')}, {wasted}: dogsplat clean --mixed-sh takes them out"
+            cost += f"; zero in {counted(zeros, 'primitive')}, {wasted}"
+            cost += ": dogsplat clean --mixed-sh takes them out" if pays else ", less than SH degrees of their own take"
         having = int((stored >= degree).sum())
         share = f"{count(having)} of {count(len(stored))} primitives; " if any(s.mixed_sh for s in parts) else ""
         features.append(Feature(f"SH degree {degree}", UNUSED if zero else NEEDED, zero + share + cost))

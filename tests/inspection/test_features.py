@@ -394,6 +394,10 @@ def test_what_no_picture_shows_is_named_with_its_number_and_bytes(tmp_path):
     state, reason = found["SH degree 2"]
     assert state == "needed" and "zero in 10 primitives, 600 bytes: dogsplat clean --mixed-sh" in reason
     assert "zero" not in found["SH degree 1"][1]
+    splats.sh_coeffs[10:18, 4:] = 1
+    write_ply(tmp_path / "m.ply", splats)
+    state, reason = read(describe_features(tmp_path / "m.ply"))["SH degree 2"]
+    assert state == "needed" and "zero in 2 primitives, 120 bytes, less than SH degrees of their own take" in reason
 
 
 def test_a_mixed_model_uses_the_degrees_of_its_groups():
