@@ -12,13 +12,13 @@ COUNTED = {
     "n_slopes": "with slopes",
     "n_curvatures": "with curvatures",
     "n_cuts": "with a cut",
-    "n_second_cuts": "with a second",
+    "n_second_cuts": "with a second cut",
 }
 """Kinds of primitives, by the names of their numbers in models, optimizers and files of a run."""
 
 
 def kinds(numbers: Mapping[str, object]) -> str:
-    """``1,200 of them DoG, 300 with slopes, 40 with a cut, 30 with a second``.
+    """``1,200 of them DoG, 300 with slopes, 40 with a cut, 30 with a second cut``.
 
     Nothing is said of a kind whose number is None, unless it is DoG.
     """

@@ -205,7 +205,7 @@ def test_kept_ones_are_in_the_file(kind, suffix, capsys, tmp_path):
 
 @pytest.mark.parametrize(
     ("flag", "left"),
-    [("--slopes", "20 with slopes, 12 with curvatures"), ("--cuts", "30 with a cut, 20 with a second")],
+    [("--slopes", "20 with slopes, 12 with curvatures"), ("--cuts", "30 with a cut, 20 with a second cut")],
 )
 def test_each_is_kept_by_its_own_flag(flag, left, capsys, tmp_path):
     out, mixed = tmp_path / "out.ply", written(with_curvatures(SECOND_CUT.mixed, every=5), tmp_path)
