@@ -38,7 +38,7 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     finite. What is left out is reported by a warning of Mitsuba's logger.
 
     Args:
-        model: a model, the path of a PLY file, or a loaded shape ``dog`` (its parameters of this moment).
+        model: a model, the path of one in any format, or a loaded shape ``dog`` (its parameters of this moment).
         to_world: 4 x 4, any map that does not flatten (``mi.ScalarTransform4f`` or an array). Maps the
             spherical harmonics too; the shape's own ``to_world`` does not, and it refuses tensors.
         extent: radius of the shells in standard deviations. A ray meets a primitive where it enters its shell, in
