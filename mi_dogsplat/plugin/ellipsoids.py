@@ -17,7 +17,7 @@ from ..scene.row_groups import OWN_AXES
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..scene.whole import whole
-from ..support.wording import counted
+from ..support.wording import counted, in_words
 
 EXTENT = 3.0  # standard deviations, the default of Mitsuba; a Gaussian is 1.1 % of its peak there
 MIN_OPACITY = 1 / 255  # fainter primitives are not drawn by ``dogsplat`` either
@@ -117,4 +117,4 @@ def _report(splats: Splats, n_hidden: int, linear: bool) -> None:
     if n_hidden:
         left_out.append(f"{n_hidden} of {splats.n_splats} primitives that are fainter than 1/255 or not finite")
     if left_out:
-        log(mi.LogLevel.Warn, f"to_ellipsoids: left out {' and '.join(left_out)}")
+        log(mi.LogLevel.Warn, f"to_ellipsoids: left out {in_words(left_out)}")
