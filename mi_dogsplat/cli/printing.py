@@ -43,7 +43,7 @@ def cleaned_lines(cleaned: Cleaned) -> list[str]:
     """What was taken out, and what that did to the pictures if there is a data set."""
     lines = [f"  {reason}: {number:,}" for reason, number in cleaned.taken_out]
     lines += [f"  not needed, {line}" for line in cleaned.unneeded]
-    first = f"{cleaned.n_before:,} primitives, taken out:" + ("" if lines else " nothing")
+    first = f"{counted(cleaned.n_before, 'primitive')}, taken out:" + ("" if lines else " nothing")
     if cleaned.psnr:
         before, after = cleaned.psnr
         lines.append(f"  PSNR {before:.2f} dB before, {after:.2f} dB after ({after - before:+.2f})")
@@ -60,7 +60,7 @@ def simplified_lines(simplified: Simplified) -> list[str]:
 def size_line(out: Path, n_splats: int, model: Path) -> str:
     """What was written, beside what it was made of."""
     megabytes, before = (path.stat().st_size / 1e6 for path in (out, model))
-    return f"{out}: {n_splats:,} primitives, {megabytes:.2f} MB; {model.name} has {before:.2f} MB"
+    return f"{out}: {counted(n_splats, 'primitive')}, {megabytes:.2f} MB; {model.name} has {before:.2f} MB"
 
 
 def say(line: str) -> None:
