@@ -64,7 +64,7 @@ def cases(layers: int = 10_000) -> Iterator[Case]:
 
 
 def _case(group: str, name: str, extreme: Splats, defined: str = "", view: Camera | None = None, **settings) -> Case:
-    """``extreme`` among the bystanders, its rows last; among such with slopes or cuts, if it has some."""
+    """``extreme`` among the bystanders, its rows last; among such with rows of its kinds, if it has some."""
     neighbours = bystanders(
         SLOPES_OF_ONE if extreme.n_slopes else None,
         CURVATURES_OF_ONE if extreme.n_curvatures else None,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..support.wording import counted
+
 if TYPE_CHECKING:
     from ..editing.clean import Cleaned
     from ..editing.simplify import Simplified
@@ -28,7 +30,7 @@ def loss_table(exported: Exported) -> list[str]:
     if not exported.losses:
         return []
     photographs = any(loss.of_photographs is not None for loss in exported.losses)
-    lines = [f"PSNR over {exported.n_views} views{'':6s}of the model" + "   of photographs" * photographs]
+    lines = [f"PSNR over {counted(exported.n_views, 'view'):14s}of the model" + "   of photographs" * photographs]
     for loss in exported.losses:
         columns = [f"{'-':>6s}   " if loss.of_model is None else f"{loss.of_model:6.2f} dB"]
         if loss.of_photographs is not None:
@@ -41,7 +43,7 @@ def cleaned_lines(cleaned: Cleaned) -> list[str]:
     """What was taken out, and what that did to the pictures if there is a data set."""
     lines = [f"  {reason}: {number:,}" for reason, number in cleaned.taken_out]
     lines += [f"  not needed, {line}" for line in cleaned.unneeded]
-    first = f"{cleaned.n_before:,} primitives, taken out:" + ("" if lines else " nothing")
+    first = f"{counted(cleaned.n_before, 'primitive')}, taken out:" + ("" if lines else " nothing")
     if cleaned.psnr:
         before, after = cleaned.psnr
         lines.append(f"  PSNR {before:.2f} dB before, {after:.2f} dB after ({after - before:+.2f})")
@@ -58,7 +60,7 @@ def simplified_lines(simplified: Simplified) -> list[str]:
 def size_line(out: Path, n_splats: int, model: Path) -> str:
     """What was written, beside what it was made of."""
     megabytes, before = (path.stat().st_size / 1e6 for path in (out, model))
-    return f"{out}: {n_splats:,} primitives, {megabytes:.2f} MB; {model.name} has {before:.2f} MB"
+    return f"{out}: {counted(n_splats, 'primitive')}, {megabytes:.2f} MB; {model.name} has {before:.2f} MB"
 
 
 def say(line: str) -> None:

@@ -55,7 +55,7 @@ def read_exr(path: Path) -> np.ndarray:
         raise DataError(path, f"has whole numbers in {', '.join(names)}", REMEDY)
     data = np.stack([plane.pixels for plane in planes], axis=-1).astype(np.float32)  # [h, w, C] of the data window
     if broken := np.count_nonzero(~np.isfinite(data)):
-        problem = f"{broken} values of {data.size} are NaN or infinite"
+        problem = f"has values that are NaN or infinite: {broken} of {data.size}"
         raise DataError(path, problem, "render it again, or clamp it below 65504 before it becomes half floats")
     data = np.maximum(data, 0)
     if data.shape[2] == 4:

@@ -95,6 +95,8 @@ def clean_model(
     if after.n_splats == 0:
         raise DataError(model, "no primitive would be left", "take out less")
     left_out = [f"{model.name}: {line}" for line in read.left_out]
+    if config.mixed_sh and not after.mixed_sh and unneeded.saved_by_mixing < 0:
+        left_out.append("--mixed-sh: SH degrees of single primitives would make the file larger, so all keep one")
     written = replace(read, splats=after, drawing=drawing)
     left_out += write_model(out, upright(written)[0] if world.upright else written, sh_rows=True)
     quality = _quality(dataset, splats, after, options.background, drawn, masks) if dataset else None

@@ -16,7 +16,10 @@ CONNECTED = "keep the N largest parts that hang together"
 SEEN = "take out what no training view of --data sees"
 MASKS = "keep what masks of the training views of --data show in white"
 FLOATERS = "take out what floats in space that the training views of --data look through"
-MIXED_SH = "let each primitive have the SH degree that it needs, which other programs do not read"
+MIXED_SH = (
+    "let each primitive have the SH degree that it needs, where that makes the file smaller; "
+    "other programs do not read it"
+)
 
 
 @dataclass(frozen=True)

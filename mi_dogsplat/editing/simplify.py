@@ -24,12 +24,13 @@ from ..render.picture_options import PictureOptions
 from ..render.vantages import vantage_cameras
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
+from ..scene.kinds import varying
 from ..scene.splats import Array, Splats
 from ..scene.whole import whole
 from ..scores.weights import weights
 from ..support.errors import DataError
 from ..support.srgb import displayed
-from ..support.wording import count
+from ..support.wording import counted
 from ..training.fit import GAINS, Look, fit
 from ..training.strategy.dog_control import DogRule
 from .merge import merge
@@ -98,10 +99,11 @@ def simplify_model(
     found = fitted(start, splats, cameras, look, config, show) if config.steps else start
     left_out = [f"{model.name}: {line}" for line in read.left_out]
     if splats.is_cut.any():
-        left_out.append(f"the cuts of {count(splats.is_cut.sum())} primitives are left out: what is merged is whole")
+        cut = counted(splats.is_cut.sum(), "primitive")
+        left_out.append(f"the cuts of {cut} are left out: what is merged is whole")
     if splats.is_varied.any():
-        sloped = count(splats.is_varied.sum())
-        left_out.append(f"the slopes of {sloped} primitives are left out: what is merged has none")
+        varied = counted(splats.is_varied.sum(), "primitive")
+        left_out.append(f"the {varying(splats)} of {varied} are left out: what is merged has a mean colour")
     left_out += write_model(out, replace(read, splats=found, drawing=options.drawing.over(read.drawing)))
     after = quality(found) if config.steps else None
     return Simplified(splats.n_splats, found.n_splats, found.n_dog, len(others), quality(start), after, left_out)

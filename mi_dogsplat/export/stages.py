@@ -5,10 +5,11 @@ from __future__ import annotations
 from ..formats.coded import snapped
 from ..formats.table import Format
 from ..scene.drawing import DrawnAs
+from ..scene.kinds import varying
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..scene.whole import whole
-from ..support.wording import count
+from ..support.wording import counted
 from .bake import baked
 from .export_config import ExportConfig
 
@@ -31,13 +32,15 @@ def stages_of(splats: Splats, config: ExportConfig) -> dict[str, Splats]:
 
 
 def taken_out(stages: dict[str, Splats], chosen: Format) -> list[str]:
-    """A line for the cuts and one for the slopes that the stages have taken out, with how a format can keep them."""
+    """A line for the cuts and one for slopes and curvatures that the stages have taken out, with how to keep them."""
     splats, lines = stages[AS_IT_IS], []
     if WITHOUT_CUTS in stages:
-        left = f"the cuts of {count(splats.is_cut.sum())} primitives are left out, for the whole ones nearest to them"
+        cut = counted(splats.is_cut.sum(), "primitive")
+        left = f"the cuts of {cut} are left out: each becomes the whole one nearest to it"
         lines.append(left + ("; --cuts keep keeps them" if chosen.cuts else ""))
     if WITHOUT_SLOPES in stages:
-        left = f"the slopes of {count(splats.is_varied.sum())} primitives are left out, which have their mean colours"
+        varied = counted(splats.is_varied.sum(), "primitive")
+        left = f"the {varying(splats)} of {varied} are left out: each has its mean colour"
         lines.append(left + ("; --slopes keep keeps them" if chosen.slopes else ""))
     return lines
 

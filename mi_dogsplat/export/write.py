@@ -115,7 +115,7 @@ def _write_page(
 
 
 def _steps(config: ExportConfig, something_taken_out: bool) -> int | None:
-    """Of the refinement, None for as many as the data set needs; ``something_taken_out``: DoG, slopes or cuts.
+    """Of the refinement, None for as many as the data set needs; ``something_taken_out``: DoG or rows.
 
     Raises ``DataError`` where it is asked for and has nothing to make up for.
     """
@@ -123,5 +123,6 @@ def _steps(config: ExportConfig, something_taken_out: bool) -> int | None:
         made_up_for = config.small or (something_taken_out and config.dog != "drop")
         return None if made_up_for and mi.variant() else 0
     if config.refine and not something_taken_out and not config.small:
-        raise DataError("--refine", "no DoG, slopes or cuts are taken out that could be made up for", "leave it out")
+        problem = "no DoG, slopes, curvatures or cuts are taken out that could be made up for"
+        raise DataError("--refine", problem, "leave it out")
     return config.refine

@@ -31,4 +31,5 @@ def require_finite(path: Path, splats: Splats, remedy: str) -> None:
         bad = np.argwhere(~np.isfinite(getattr(splats, name)))
         if len(bad):
             first = of_groups[name][bad[0][0]] if name in of_groups else bad[0][0]
-            raise DataError(path, f"{len(bad)} values of {name} are not finite, first in primitive {first}", remedy)
+            problem = f"has values of {name} that are not finite: {len(bad)}, the first in primitive {first}"
+            raise DataError(path, problem, remedy)

@@ -1,4 +1,4 @@
-"""Rows of DoG, slopes and cuts at the end of a compressed PLY, a byte a number, where other readers do not look.
+"""Rows of DoG, slopes, curvatures and cuts behind a compressed PLY, a byte a number, where other readers do not look.
 
 The header says ``comment dogsplat dog VERSION ROWS``, and so of ``slopes``, ``curvatures``, ``cuts`` and
 ``second_cuts``. Behind the data of the last element they follow in this order, each as (little-endian):

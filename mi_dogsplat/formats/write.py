@@ -7,13 +7,14 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from ..scene.drawing import DrawnAs
+from ..scene.kinds import varying
 from ..scene.orientation import UP
 from ..scene.radiance import brightened
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..scene.whole import whole
 from ..support.errors import DataError
-from ..support.wording import count
+from ..support.wording import count, counted
 from .model import Model, require_finite
 from .packing import turned
 from .spz import BRIGHTEST
@@ -97,14 +98,16 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
     if model.splats.is_cut.any() and not chosen.cuts:
         n = count(model.splats.is_cut.sum())
-        lost.append(f"{chosen.name} has no primitive that is cut off: {n} become the whole ones nearest to them")
+        became = "each becomes the whole one nearest to it"
+        lost.append(f"{chosen.name} has no primitive that is cut off: the cuts of {n} are left out, {became}")
     if model.splats.is_varied.any() and not chosen.slopes:
         n = count(model.splats.is_varied.sum())
-        lost.append(f"{chosen.name} has no colour that varies over a primitive: the slopes of {n} are left out")
+        what = f"the {varying(model.splats)} of {n} are left out"
+        lost.append(f"{chosen.name} has no colour that varies over a primitive: {what}, each has its mean colour")
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
     if model.drawing.linear and math.isfinite(chosen.brightest):
         most = chosen.brightest * (model.drawing.white or 1.0)
         if n := int((0.5 + C0 * model.splats.sh_coeffs[:, 0] > most).any(axis=1).sum()):
-            lost.append(f"{chosen.name} has no radiance above {most:.4g}, to which it clamps {n} primitives")
+            lost.append(f"{chosen.name} has no radiance above {most:.4g}, to which it clamps {counted(n, 'primitive')}")
     return lost

@@ -21,7 +21,7 @@ from ..plugin.transfer import srgb_to_linear
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from ..support.scene_errors import scene_error
 from ..support.threads import threads_to_load
-from ..support.wording import count, file_size
+from ..support.wording import count, counted, file_size
 from .unneeded import Unneeded, largest_alphas, used_sh_degrees
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
@@ -57,13 +57,10 @@ def model_features(parts: list[Splats], negative_transmittance: bool = True) -> 
     cost = f"each {_size(PARAMETERS)}, {operations_each:.0f} operations; per pixel {_sum(pair)}"
     gaussians = Feature("Gaussians", NEEDED, f"{count(n)} primitives; {cost}")
     features = [gaussians, *_dog_features(parts, negative_transmittance)]
-    even, whole = "primitives of one colour pay for slopes of zero", "whole primitives pay for normals of zero"
-    once = "primitives that are cut off once pay for normals of zero"
-    features += _row_features(parts, "slopes", "slopes", (0, 1), SLOPE_PARAMETERS, even)
-    straight = "primitives without pay for curvatures of zero"
-    features += _row_features(parts, "curvatures", "curvatures", (0, 1), CURVATURE_PARAMETERS, straight)
-    features += _row_features(parts, "cuts", "cuts", (0, 1), CUT_PARAMETERS, whole)
-    features += _row_features(parts, "second cuts", "cuts", (1, 2), CUT_PARAMETERS, once)
+    features += _row_features(parts, "slopes", "slopes", (0, 1), SLOPE_PARAMETERS, "slopes")
+    features += _row_features(parts, "curvatures", "curvatures", (0, 1), CURVATURE_PARAMETERS, "curvatures")
+    features += _row_features(parts, "cuts", "cuts", (0, 1), CUT_PARAMETERS, "normals")
+    features += _row_features(parts, "second cuts", "cuts", (1, 2), CUT_PARAMETERS, "normals")
     features += _sh_features(parts)
     return features + [Feature(name, UNUSED, f"{rest}; {CLEAN}") for name, rest in _unneeded_rows(parts)]
 
@@ -80,23 +77,24 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
     faded = sum(int(np.sum(s.dog_opacities * largest_alphas(s)[s.dog_index] < Cutoffs().alpha)) for s in parts)
     features = [Feature("DoG", NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
     if m < n:
-        rest = f"{count(n - m)} plain primitives pay for the branch, and for the difference to a kernel of zeros"
+        plain = counted(n - m, "plain primitive")
+        rest = f"{plain}, drawn with a kernel of zeros behind the same branch"
         features.append(Feature("branch to DoG", UNUSED, rest))
     if faded:
-        features.append(Feature("faded DoG", UNUSED, f"{count(faded)} pseudo-Gaussians are below 1/255 everywhere"))
+        features.append(Feature("faded DoG", UNUSED, f"{counted(faded, 'pseudo-Gaussian')} below 1/255 everywhere"))
     amplifies = "where a weight is negative, what lies behind is amplified"
     return [*features, feature("negative T", negative_transmittance, amplifies, "negative_transmittance is false")]
 
 
 def _row_features(
-    parts: list[Splats], name: str, setting: str, values: tuple[int, int], parameters: int, others: str
+    parts: list[Splats], name: str, setting: str, values: tuple[int, int], parameters: int, zeros: str
 ) -> list[Feature]:
     """Of rows that some primitives have over their whole extent: slopes, curvatures, cuts or second cuts.
 
     Args:
         setting, values: what the kernels are specialised to without them and with them.
         parameters: floats of a row.
-        others: what the rest pays.
+        zeros: what the rest is drawn with.
     """
     held = f"n_{name.replace(' ', '_')}"
     n, m = sum(part.n_splats for part in parts), sum(getattr(part, held) for part in parts)
@@ -109,12 +107,14 @@ def _row_features(
     cost = f"each {_size(parameters, indices=1)}, {each[1] - each[0]:.0f} operations; per pixel {pair}"
     features = [Feature(name, NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
     if m < n:
-        features.append(Feature(f"{name} of others", UNUSED, f"{count(n - m)} {others}, as many operations"))
+        rest = f"{counted(n - m, 'primitive')} without, drawn with {zeros} of zero: as many operations"
+        features.append(Feature(f"{name} of others", UNUSED, rest))
     return features
 
 
 def _sh_features(parts: list[Splats]) -> list[Feature]:
     stored, used = np.hstack([(s.sh_degrees, used_sh_degrees(s)) for s in parts])  # [N] degree of each primitive
+    pays = any(Unneeded.of(part).saved_by_mixing > 0 for part in parts)
     features = []
     for degree in range(1, MAX_SH_DEGREE + 1):
         if degree > stored.max(initial=0):
@@ -128,7 +128,8 @@ def _sh_features(parts: list[Splats]) -> list[Feature]:
         if degree > used.max(initial=0):
             zero = f"all of its coefficients are zero, {wasted}; {CLEAN}; "
         elif zeros:
-            cost += f"; zero in {count(zeros)} primitives, {wasted}: dogsplat clean --mixed-sh takes them out"
+            cost += f"; zero in {counted(zeros, 'primitive')}, {wasted}"
+            cost += ": dogsplat clean --mixed-sh takes them out" if pays else ", less than SH degrees of their own take"
         having = int((stored >= degree).sum())
         share = f"{count(having)} of {count(len(stored))} primitives; " if any(s.mixed_sh for s in parts) else ""
         features.append(Feature(f"SH degree {degree}", UNUSED if zero else NEEDED, zero + share + cost))

@@ -19,6 +19,7 @@ import numpy as np
 from ..engine.geometry import Cutoffs
 from ..scene.cuts import LARGEST
 from ..scene.opacity import sigmoid
+from ..scene.ply import rows_save
 from ..scene.row_groups import CURVATURES, CUTS, DOG, OWN_AXES, PLANES, SECOND_CUTS, SH, SLOPES, RowGroup
 from ..scene.splats import Array, Splats
 from ..support.wording import count, file_size
@@ -65,9 +66,14 @@ class Unneeded:
 
     def degrees_left(self, splats: Splats, mixed_sh: bool) -> Array:
         """[N] SH degree of each primitive without its zero bands: its own one, or the same for all (``taken_out``)."""
-        if mixed_sh or splats.mixed_sh:
+        if splats.mixed_sh or (mixed_sh and self.saved_by_mixing > 0):
             return self.sh_degrees
         return np.full(splats.n_splats, self.sh_degrees[~self.invisible].max(initial=0))
+
+    @property
+    def saved_by_mixing(self) -> int:
+        """Bytes of a PLY, if each primitive has the SH degree that it needs; negative where that makes it larger."""
+        return rows_save(self.sh_degrees[~self.invisible])
 
     def described(self, splats: Splats, mixed_sh: bool = True) -> list[str]:
         """A line for each kind that there is: how many, and how many bytes they take in float32."""
@@ -93,7 +99,8 @@ class Unneeded:
 
         Args:
             splats: what it was found in.
-            mixed_sh: a model of one SH degree may become one of several; else it keeps one that all can do with.
+            mixed_sh: a model of one SH degree may become one of several, where that makes its file smaller; else it
+                keeps one that all can do with.
         """
         rows = _rows(splats, DOG, ~self.faded_dog) | _rows(splats, SLOPES, ~self.zero_slopes)
         rows |= _rows(splats, CURVATURES, ~self.zero_curvatures)

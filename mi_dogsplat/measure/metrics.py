@@ -151,7 +151,7 @@ def _displayed(
         if broken.any():
             row, column, channel = np.argwhere(broken)[0]
             raise ValueError(
-                f"{what} has {np.count_nonzero(broken)} values of {values.size} that are NaN or infinite, "
+                f"{what} has values that are NaN or infinite: {np.count_nonzero(broken)} of {values.size}, "
                 f"the first at row {row}, column {column}, channel {channel}"
             )
     return np.clip(a, 0, 1).astype(np.float64), np.clip(b, 0, 1).astype(np.float64)

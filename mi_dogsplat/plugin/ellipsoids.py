@@ -17,6 +17,7 @@ from ..scene.row_groups import OWN_AXES
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..scene.whole import whole
+from ..support.wording import counted, in_words
 
 EXTENT = 3.0  # standard deviations, the default of Mitsuba; a Gaussian is 1.1 % of its peak there
 MIN_OPACITY = 1 / 255  # fainter primitives are not drawn by ``dogsplat`` either
@@ -37,7 +38,7 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     finite. What is left out is reported by a warning of Mitsuba's logger.
 
     Args:
-        model: a model, the path of a PLY file, or a loaded shape ``dog`` (its parameters of this moment).
+        model: a model, the path of one in any format, or a loaded shape ``dog`` (its parameters of this moment).
         to_world: 4 x 4, any map that does not flatten (``mi.ScalarTransform4f`` or an array). Maps the
             spherical harmonics too; the shape's own ``to_world`` does not, and it refuses tensors.
         extent: radius of the shells in standard deviations. A ray meets a primitive where it enters its shell, in
@@ -106,14 +107,14 @@ def _report(splats: Splats, n_hidden: int, linear: bool) -> None:
         log(mi.LogLevel.Warn, "to_ellipsoids: its colours are linear radiance; set srgb_primitives to false")
     left_out = []
     if splats.n_dog:
-        left_out.append(f"the negative part of {splats.n_dog} DoG primitives")
+        left_out.append(f"the negative part of {counted(splats.n_dog, 'DoG primitive')}")
     if splats.n_slopes:
-        left_out.append(f"the slopes of {splats.n_slopes} primitives whose colour varies over them")
+        left_out.append(f"the slopes of {counted(splats.n_slopes, 'primitive')}")
     if splats.n_curvatures:
-        left_out.append(f"the curvatures of {splats.n_curvatures} primitives whose brightness curves over them")
+        left_out.append(f"the curvatures of {counted(splats.n_curvatures, 'primitive')}")
     if n_cut := splats.is_cut.sum():
-        left_out.append(f"the cuts of {n_cut} primitives")
+        left_out.append(f"the cuts of {counted(n_cut, 'primitive')}")
     if n_hidden:
         left_out.append(f"{n_hidden} of {splats.n_splats} primitives that are fainter than 1/255 or not finite")
     if left_out:
-        log(mi.LogLevel.Warn, f"to_ellipsoids: left out {' and '.join(left_out)}")
+        log(mi.LogLevel.Warn, f"to_ellipsoids: left out {in_words(left_out)}")

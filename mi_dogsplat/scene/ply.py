@@ -223,6 +223,29 @@ def write_ply(
     _replace(path, "\n".join([*header, "end_header\n"]).encode(), *data)
 
 
+def rows_save(degrees: Array) -> int:
+    """Bytes that the layout "rows" saves where primitives have these SH degrees [N]; negative where it takes more.
+
+    There each primitive above degree 0 has an index, and each degree an element. Of equal degrees it is the same file.
+    """
+    if len(np.unique(degrees)) < 2:
+        return 0
+    counts = {degree: np.count_nonzero(degrees == degree) for degree in SH}
+    highest = max((degree for degree, n in counts.items() if n), default=0)
+    padded = _header_of_rest(highest) + 4 * _N_REST[highest] * len(degrees)
+    rows = sum(
+        len(f"element {_SH_ELEMENTS[degree]} {n}\nproperty uint index\n") + _header_of_rest(degree)
+        + 4 * (1 + _N_REST[degree]) * n
+        for degree, n in counts.items() if n
+    )  # fmt: skip
+    return padded - rows
+
+
+def _header_of_rest(degree: int) -> int:
+    """Bytes of the lines for f_rest_*."""
+    return sum(len(f"property float {name}\n") for name in _rest_names(_N_REST[degree]))
+
+
 def _rows(index: Array, values: Array) -> bytes:
     """The rows of a group: an index [M] with values [M, columns]."""
     rows = np.empty(len(index), [("index", "<u4"), ("values", "<f4", values.shape[1])])

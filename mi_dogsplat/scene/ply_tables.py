@@ -187,7 +187,7 @@ def check_finite(path: Path, element: str, names: tuple[str, ...], values: Array
         row, column = np.argwhere(~finite)[0]
         count = finite.size - np.count_nonzero(finite)
         first = f'first "{names[column]}" in row {row} of the element "{element}"'
-        raise DataError(path, f"{count} values are not finite, {first}", remedy)
+        raise DataError(path, f"has values that are not finite: {count}, the {first}", remedy)
 
 
 def _remedy(element: str) -> str:

@@ -11,14 +11,14 @@ the mean of squares, to
 
 with three numbers that depend on |n| alone. So the centre moves by m towards n, the primitive gets narrower by r along
 it, and its opacity is multiplied by a. Its pseudo-Gaussian goes along as a part of it. Where the colour varies over the
-primitive, each place of a picture keeps its own, on average over the views and but for the slopes that a curvature
-gives to one that has none. What a second plane cuts off is then a Gaussian again, along other axes and at another
-distance, so that it follows the first one.
+primitive, each place of a picture keeps its own, on average over the views. But a primitive that had no slopes ends
+without: those that its curvatures give it about the new centre are left out. What a second plane cuts off is then a
+Gaussian again, along other axes and at another distance, so that it follows the first one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,10 +57,19 @@ def whole(splats: Splats) -> Splats:
     planes = [_Plane.of(splats, group) for group in PLANES if len(getattr(splats, group.index))]
     if not planes:
         return splats
-    found = splats.without_cuts()
+    found = _with_slopes(splats.without_cuts(), splats.curvature_index)  # which a second plane has to know
     while planes:
         _make_whole(found, planes.pop(0), planes)
-    return found
+    had = np.searchsorted(found.slope_index, splats.slope_index)
+    return replace(found, slope_index=found.slope_index[had], color_slopes=found.color_slopes[had])
+
+
+def _with_slopes(splats: Splats, index: Array) -> Splats:
+    """The model in which these primitives have slopes too, of zero."""
+    sloped = np.union1d(splats.slope_index, index)
+    slopes = np.zeros((len(sloped), 3, 3), np.float32)
+    slopes[np.searchsorted(sloped, splats.slope_index)] = splats.color_slopes
+    return replace(splats, slope_index=sloped, color_slopes=slopes)
 
 
 def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:

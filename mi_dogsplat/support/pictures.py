@@ -44,7 +44,7 @@ def write_png(path: str | Path, image: ArrayLike) -> None:
         raise ValueError(f"{path}: a picture is [H, W] or [H, W, 3 or 4], this one is {list(values.shape)}")
     broken = np.count_nonzero(np.isnan(values))
     if broken:
-        raise ValueError(f"{path}: {broken} values of {values.size} are NaN; OpenEXR can show where they are")
+        raise ValueError(f"{path}: has values that are NaN: {broken} of {values.size}; OpenEXR can show where they are")
     pixels = np.round(np.clip(values, 0, 1) * 255).astype(np.uint8)
     import mitsuba as mi  # here: models and data sets can be read without it
 

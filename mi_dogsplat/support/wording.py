@@ -32,6 +32,11 @@ def count(value: object) -> str:
     return MISSING if v is None else f"{v:,.0f}"
 
 
+def counted(number: object, one: str) -> str:
+    """``1 primitive``, ``312,400 primitives``."""
+    return f"{count(number)} {one}" + ("s" if finite(number) != 1 else "")
+
+
 def in_words(names: Sequence[str]) -> str:
     """``slopes``, ``slopes and cuts``, ``slopes, cuts and bands``; nothing of none."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -181,25 +181,25 @@ class RowsLeftOut(Event):
 class SlopesLeftOut(RowsLeftOut):
     """Slopes."""
 
-    kind, words = "slopes_left_out", "slopes of {count} primitives left out, {left} have some"
+    kind, words = "slopes_left_out", "slopes left out: {count}, kept: {left}"
 
 
 class CurvaturesLeftOut(RowsLeftOut):
     """Curvatures."""
 
-    kind, words = "curvatures_left_out", "curvatures of {count} primitives left out, {left} have some"
+    kind, words = "curvatures_left_out", "curvatures left out: {count}, kept: {left}"
 
 
 class CutsLeftOut(RowsLeftOut):
     """Cuts."""
 
-    kind, words = "cuts_left_out", "cuts of {count} primitives left out, {left} have one"
+    kind, words = "cuts_left_out", "cuts left out: {count}, kept: {left}"
 
 
 class SecondCutsLeftOut(RowsLeftOut):
     """Second cuts."""
 
-    kind, words = "second_cuts_left_out", "second cuts of {count} primitives left out, {left} have one"
+    kind, words = "second_cuts_left_out", "second cuts left out: {count}, kept: {left}"
 
 
 @dataclass(frozen=True)

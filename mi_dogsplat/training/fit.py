@@ -54,7 +54,7 @@ def fit(
     """The model after ``steps`` steps of Adam towards the pictures; the same bits in every run on a CPU.
 
     Args:
-        splats: the start, of N >= 1 primitives; rows of DoG, slopes and cuts are fitted along.
+        splats: the start, of N >= 1 primitives; rows of DoG, slopes, curvatures and cuts are fitted along.
         cameras, pictures: as many of each, [H, W, 3] display-referred or, with ``look.white``, linear, seen in a random
             order, turn by turn.
         steps: of one picture each.

@@ -19,7 +19,7 @@ from ..scene.splats import Splats
 from ..scene.whole import whole
 from ..support.errors import DataError
 from ..support.srgb import srgb_to_linear
-from ..support.wording import file_size
+from ..support.wording import counted, file_size
 from .config import TrainConfig
 from .point_radiance import point_radiance
 from .strategy.scheduler import target_count
@@ -129,7 +129,7 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Model
     if format != "ply":
         splats = whole(splats.plain()).without_slopes()  # no other format holds the rest; training makes up for it
     if splats.n_splats < 2:
-        raise DataError(path, f"holds {splats.n_splats} primitives", "pruning needs at least 2")
+        raise DataError(path, f"holds {counted(splats.n_splats, 'primitive')}", "pruning needs at least 2")
     try:
         if (most := target_bytes(target)) is None:
             target_count(float(target), splats.n_splats)

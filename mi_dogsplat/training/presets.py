@@ -37,7 +37,7 @@ from .strategy.slope_activation import (
 )
 from .strategy.strategy import Strategy
 
-ACTIVATION = 18_000  # step at which primitives of ours become DoG and are given slopes and cuts
+ACTIVATION = 18_000  # step at which primitives of ours become DoG and are given slopes, cuts and so on
 SETTLED = 500  # steps after which Adam knows the size of gradients that are new
 PRECONDITIONING = Preconditioning(start=ACTIVATION + SETTLED)
 
@@ -148,7 +148,7 @@ class Recipe:
     def for_format(self, name: str) -> Recipe:
         """The recipe of a model that ends in a file of that format: only PLY holds DoG, and numbers as they are.
 
-        Raises ``ValueError`` for a recipe with slopes or cuts and another format, which would leave nothing of them.
+        Raises ``ValueError`` for a recipe that gives slopes, curvatures or cuts, and another format.
         """
         if name != "ply" and (rows := self.given):
             raise ValueError(f"Recipe.for_format: this recipe gives {rows} to primitives, which {name} does not hold")

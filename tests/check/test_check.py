@@ -138,7 +138,7 @@ def test_every_curve_has_a_colour_and_a_marker_of_its_own():
         (SLOPED, tiny_data.sloped_truth, "with slopes", "c8"),
         (CURVED, tiny_data.curved_truth, "with curvatures", "c9"),
         (CUT, tiny_data.cut_truth, "with a cut", "c10"),
-        (SECOND_CUT, tiny_data.twice_cut_truth, "with a second", "c11"),
+        (SECOND_CUT, tiny_data.twice_cut_truth, "with a second cut", "c11"),
     ],
     ids=["slopes", "curvatures", "cuts", "second cuts"],
 )

@@ -51,11 +51,11 @@ def test_a_column_is_there_where_a_method_has_such_rows(tmp_path, names, shown):
     assert columns(table, "tiny")[: len(shown) + 4] == ["n", "n_dog", *shown, "megabytes", "psnr"]
     second, text = "n_second_cuts" in shown, markdown(table, "tiny")
     if "n_curvatures" in shown:
-        assert "| with slopes | with curvatures | with a cut | with a second |" in text
+        assert "| with slopes | with curvatures | with a cut | with a second cut |" in text
         assert "| ours, with second cuts | 1,200 | 7 | 1,114 |  | 1,115 | 1,116 |" in text
         assert "| ours, with curvatures | 1,200 | 7 | 1,117 | 1,118 | 1,119 | 1,120 |" in text
     elif "n_cuts" in shown:
-        assert "| primitives | of them DoG | with slopes | with a cut |" + " with a second |" * second in text
+        assert "| primitives | of them DoG | with slopes | with a cut |" + " with a second cut |" * second in text
         assert "| ours, with slopes and cuts | 1,200 | 7 | 1,112 | 1,113 |" + "  |" * second in text
         assert "| ours, with slopes | 1,200 | 7 | 1,111 |  |" + "  |" * second in text
         assert ("| ours, with second cuts | 1,200 | 7 | 1,114 | 1,115 | 1,116 |" in text) == second

@@ -249,6 +249,18 @@ def test_degrees_of_single_primitives_are_kept_or_made(capsys, tmp_path):
     assert read_model(tmp_path / "m.spz").splats.sh_degrees.tolist() == [1] * 60
 
 
+def test_degrees_of_single_primitives_are_not_made_where_they_would_make_the_file_larger(capsys, tmp_path):
+    splats = tiny_data.truth()
+    splats.sh_coeffs[:2, 1:] = 0  # 72 bytes, where 58 primitives would have an index
+    write_ply(tmp_path / "m.ply", splats)
+    flags = ["-o", tmp_path / "o.ply", "--mixed-sh"]
+    status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", *flags)
+    assert status == 0 and "taken out: nothing" in printed and "would make the file larger" in printed
+    assert (tmp_path / "o.ply").read_bytes() == (tmp_path / "m.ply").read_bytes()
+    write_ply(tmp_path / "m.ply", tiny_data.truth())
+    assert "mixed" not in run(capsys, "clean", tmp_path / "m.ply", *flags)[1]
+
+
 def test_what_the_file_says_is_kept_and_flags_come_first(capsys, tmp_path):
     write_model(tmp_path / "m.ply", Model(tiny_data.truth(), Drawing(antialiased=True, up="z")))
     run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "o.ply", "--near-clip", "0.3")

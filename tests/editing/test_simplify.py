@@ -98,7 +98,7 @@ def test_a_model_with_slopes_or_curvatures_may_come_in_and_what_is_fitted_makes_
     write_ply(tmp_path / "flat.ply", truth.without_slopes())
     flags = ["--target", "60", *FLAGS]
     status, printed, _ = run(capsys, "simplify", tmp_path / "m.ply", "-o", tmp_path / "o.ply", "--steps", "60", *flags)
-    said = "the slopes of 900 primitives are left out: what is merged has none"
+    said = f"the {kind.word} of 900 primitives are left out: what is merged has a mean colour"
     assert status == 0 and printed.splitlines()[0] == said and kind.n(read_ply(tmp_path / "o.ply")) == 0
     _, printed, _ = run(capsys, "simplify", tmp_path / "flat.ply", "-o", tmp_path / "p.ply", "--steps", "60", *flags)
     assert "left out" not in printed

@@ -18,9 +18,12 @@ from cut_models import kept_shares, with_cuts, with_second_cuts
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.export.bake import baked
 from mi_dogsplat.export.export_config import ExportConfig
+from mi_dogsplat.export.stages import stages_of, taken_out
 from mi_dogsplat.export.write import export_model
+from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.table import FORMATS
+from mi_dogsplat.formats.write import what_is_lost
 from mi_dogsplat.scene.curvatures import mean_brightness
 from mi_dogsplat.scene.kinds import kinds_of
 from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SLOPES
@@ -57,12 +60,12 @@ SLOPED = Kind(
 )  # fmt: skip
 CURVED = Kind(
     "curvatures", CURVATURES, "slopes", ("slopes",), with_curvatures(tiny_data.truth()),
-    with_curvatures(SLOPED_DOG, every=4), Splats.without_slopes, SLOPED.said,
+    with_curvatures(SLOPED_DOG, every=4), Splats.without_slopes, "the curvatures of 30 primitives are left out",
     regained=0.1, moved=SLOPED.moved,  # found: 0.28 dB; their mean brightness is not lost
 )  # fmt: skip
 CUT = Kind(
     "cuts", CUTS, "cuts", ("slopes", "cuts"), with_cuts(tiny_data.truth()), with_cuts(SLOPED_DOG), whole,
-    "the cuts of 30 primitives are left out, for the whole ones", regained=0.1, moved=1,
+    "the cuts of 30 primitives are left out: each becomes the whole one nearest to it", regained=0.1, moved=1,
 )  # fmt: skip
 BY_SECOND = replace(
     tiny_data.truth(), second_cut_index=CUT.model.cut_index, second_cut_normals=CUT.model.cut_normals
@@ -94,7 +97,7 @@ def test_every_format_is_without_them_unless_told_and_a_line_says_so(kind, suffi
     model = written(kind.model, tmp_path)
     status, printed, _ = run(capsys, "export", model, "-o", out, "--views", "0", "--refine", "0")
     assert status == 0
-    left = [line for line in printed.splitlines() if kind.setting[:-1] in line]
+    left = [line for line in printed.splitlines() if "left out" in line]
     assert len(left) == 1 and left[0].startswith(kind.said), printed
     assert (f"{kind.flag} keep" in left[0]) == (suffix in (".ply", ".compressed.ply"))
     if suffix != ".html":
@@ -103,6 +106,23 @@ def test_every_format_is_without_them_unless_told_and_a_line_says_so(kind, suffi
         found, expected = read_ply(out), kind.left_out(kind.model)
         for name in ("means", "sh_coeffs"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize(
+    ("slopes", "curvatures", "said"),
+    [
+        ([0], [], "the slopes of 1 primitive are left out: each has its mean colour"),
+        ([], [0, 2], "the curvatures of 2 primitives are left out"),
+        ([0, 1], [1, 2], "the slopes and curvatures of 3 primitives are left out"),
+    ],
+)
+def test_the_line_names_what_there_is(slopes, curvatures, said):
+    model = replace(tiny_data.truth(), slope_index=slopes, color_slopes=np.ones((len(slopes), 3, 3)))
+    model = replace(model, curvature_index=curvatures, brightness_curvatures=np.ones((len(curvatures), 6)))
+    (line,) = taken_out(stages_of(model, ExportConfig()), FORMATS[".spz"])
+    assert line.startswith(said)
+    (line,) = what_is_lost(FORMATS[".spz"], Model(model))
+    assert said.split(" of ")[0] in line
 
 
 @each_kind
@@ -185,7 +205,7 @@ def test_kept_ones_are_in_the_file(kind, suffix, capsys, tmp_path):
 
 @pytest.mark.parametrize(
     ("flag", "left"),
-    [("--slopes", "20 with slopes, 12 with curvatures"), ("--cuts", "30 with a cut, 20 with a second")],
+    [("--slopes", "20 with slopes, 12 with curvatures"), ("--cuts", "30 with a cut, 20 with a second cut")],
 )
 def test_each_is_kept_by_its_own_flag(flag, left, capsys, tmp_path):
     out, mixed = tmp_path / "out.ply", written(with_curvatures(SECOND_CUT.mixed, every=5), tmp_path)

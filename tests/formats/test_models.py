@@ -286,7 +286,7 @@ def test_values_that_are_not_finite_are_refused_with_their_place(tmp_path):
     data = bytearray(path.read_bytes())
     data[32 * 3 : 32 * 3 + 4] = struct.pack("<f", np.nan)
     path.write_bytes(data)
-    with pytest.raises(DataError, match="means are not finite, first in primitive 3"):
+    with pytest.raises(DataError, match="means that are not finite: 1, the first in primitive 3"):
         read_model(path)
 
 
@@ -295,14 +295,14 @@ def test_a_model_with_a_position_that_is_none_is_not_written(tmp_path, suffix):
     path = written(tmp_path / f"a{suffix}", foreign_model.model())
     before, broken = path.read_bytes(), foreign_model.model()
     broken.means[7] = np.nan
-    with pytest.raises(DataError, match="3 values.* are not finite, first .* 7.*; nothing was written; "):
+    with pytest.raises(DataError, match="values.* are not finite: 3, the first .* 7.*; nothing was written; "):
         write_model(path, broken)
     assert path.read_bytes() == before
 
 
 def test_of_rows_that_are_not_finite_the_primitive_is_named(tmp_path):
     slopes = {"slope_index": [2, 5], "color_slopes": [np.zeros((3, 3)), np.full((3, 3), np.inf)]}
-    with pytest.raises(DataError, match="9 values of color_slopes are not finite, first in primitive 5"):
+    with pytest.raises(DataError, match="has values of color_slopes that are not finite: 9, the first in primitive 5"):
         write_model(tmp_path / "a.compressed.ply", replace(foreign_model.model(), **slopes))
 
 

@@ -48,15 +48,17 @@ def with_all(splats: Splats) -> Splats:
 
 SLOPED = Kind(
     "slopes", SLOPES, partial(with_slopes, every=3), Splats.without_slopes,
-    "no colour that varies over a primitive: the slopes of 100 are left out", 40, slope_colors, 2e-4, "slopes",
+    "no colour that varies over a primitive: the slopes of 100 are left out, each has its mean colour", 40,
+    slope_colors, 2e-4, "slopes",
 )  # fmt: skip
 CURVED = Kind(
-    "curvatures", CURVATURES, partial(with_curvatures, every=3), Splats.without_curvatures, SLOPED.said, 28,
-    curvature_brightness, 2e-4, "slopes",
+    "curvatures", CURVATURES, partial(with_curvatures, every=3), Splats.without_curvatures,
+    SLOPED.said.replace("slopes", "curvatures"), 28, curvature_brightness, 2e-4, "slopes",
 )  # fmt: skip
 CUT = Kind(
     "cuts", CUTS, with_slopes_and_cuts, whole,
-    "no primitive that is cut off: 100 become the whole ones nearest to them", 16, kept_shares, 1e-3, "cuts",
+    "no primitive that is cut off: the cuts of 100 are left out, each becomes the whole one nearest to it", 16,
+    kept_shares, 1e-3, "cuts",
 )  # fmt: skip
 SECOND_CUT = Kind(
     "second_cuts", SECOND_CUTS, with_all, whole, CUT.said, 16, partial(kept_shares, plane=SECOND_CUTS), 1e-3, "cuts"

@@ -89,20 +89,20 @@ def test_dog_is_needed_by_the_primitives_that_are():
     assert "branch to DoG" not in read([str(f) for f in model_features([splats.only_dog()])])
     splats.dog_logit_opacities[:3] = -9
     assert read([str(f) for f in model_features([splats])])["faded DoG"] == (
-        "paid, not needed", "3 pseudo-Gaussians are below 1/255 everywhere"
+        "paid, not needed", "3 pseudo-Gaussians below 1/255 everywhere"
     )  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("name", "with_rows", "size", "others"),
+    ("name", "with_rows", "size", "zeros"),
     [
-        ("slopes", with_slopes, "9 parameters, 40 bytes", "primitives of one"),
-        ("cuts", with_cuts, "3 parameters, 16 bytes", "whole primitives"),
-        ("second cuts", with_second_cuts, "3 parameters, 16 bytes", "primitives that are cut off once"),
-        ("curvatures", with_curvatures, "6 parameters, 28 bytes", "primitives without"),
+        ("slopes", with_slopes, "9 parameters, 40 bytes", "slopes"),
+        ("cuts", with_cuts, "3 parameters, 16 bytes", "normals"),
+        ("second cuts", with_second_cuts, "3 parameters, 16 bytes", "normals"),
+        ("curvatures", with_curvatures, "6 parameters, 28 bytes", "curvatures"),
     ],
 )
-def test_slopes_and_cuts_are_needed_by_the_primitives_that_have_them(name, with_rows, size, others):
+def test_slopes_and_cuts_are_needed_by_the_primitives_that_have_them(name, with_rows, size, zeros):
     splats = with_rows(model(dog_share=0.5), every=4)
     found = read([str(f) for f in model_features([splats, model()])])
     assert found[name][0] == "needed"
@@ -110,7 +110,7 @@ def test_slopes_and_cuts_are_needed_by_the_primitives_that_have_them(name, with_
     operations = [int(word) for word in found[name][1].replace(" +", "").split() if word.isdecimal()]
     assert all(number > 0 for number in operations) and "per pixel" in found[name][1]
     rest = found[f"{name} of others"]
-    assert rest[0] == "paid, not needed" and rest[1].startswith(f"70 {others}")
+    assert rest[0] == "paid, not needed" and rest[1].startswith(f"70 primitives without, drawn with {zeros} of zero")
     every = read([str(f) for f in model_features([with_rows(model(), every=1)])])
     assert every[name][0] == "needed" and f"{name} of others" not in every
     values = [name for group in OWN_AXES for name in group.names]
@@ -394,6 +394,10 @@ def test_what_no_picture_shows_is_named_with_its_number_and_bytes(tmp_path):
     state, reason = found["SH degree 2"]
     assert state == "needed" and "zero in 10 primitives, 600 bytes: dogsplat clean --mixed-sh" in reason
     assert "zero" not in found["SH degree 1"][1]
+    splats.sh_coeffs[10:18, 4:] = 1
+    write_ply(tmp_path / "m.ply", splats)
+    state, reason = read(describe_features(tmp_path / "m.ply"))["SH degree 2"]
+    assert state == "needed" and "zero in 2 primitives, 120 bytes, less than SH degrees of their own take" in reason
 
 
 def test_a_mixed_model_uses_the_degrees_of_its_groups():

@@ -79,7 +79,7 @@ def test_slopes_and_curvatures_are_counted_where_there_are_some(tmp_path, kind: 
 
 @pytest.mark.parametrize(
     ("kind", "what", "normals"),
-    [(CUT, "with a cut", "cut normals"), (SECOND_CUT, "with a second", "second normals")],
+    [(CUT, "with a cut", "cut normals"), (SECOND_CUT, "with a second cut", "second normals")],
     ids=["cuts", "second_cuts"],
 )
 def test_cuts_are_counted_where_there_are_some(tmp_path, kind: Kind, what, normals):
@@ -161,7 +161,7 @@ def test_a_run_that_gives_rows_to_primitives_tells_of_how_many(tmp_path):
     (run / "metrics.json").write_text(json.dumps(metrics | {"n_slopes": 1234, "n_cuts": 5}))
     assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 1,234 with slopes, 5 with a cut"
     (run / "metrics.json").write_text(json.dumps(metrics | {"n_cuts": 5, "n_second_cuts": 4}))
-    assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 5 with a cut, 4 with a second"
+    assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 5 with a cut, 4 with a second cut"
     (run / "metrics.json").write_text(json.dumps(metrics | {"n_slopes": 6, "n_curvatures": 0, "n_cuts": 5}))
     assert value_of(describe(run), "primitives").endswith("DoG, 6 with slopes, 0 with curvatures, 5 with a cut")
 

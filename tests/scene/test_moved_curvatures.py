@@ -100,10 +100,9 @@ def test_each_place_of_a_flat_primitive_that_becomes_whole_keeps_its_colour(give
     assert np.abs(found.color_slopes - only_slopes.color_slopes).max() > 0.02
 
 
-@pytest.mark.parametrize("given", [with_cuts, with_second_cuts])
+@pytest.mark.parametrize("given", PLANES.values(), ids=PLANES)
 def test_where_there_are_no_slopes_opposite_places_keep_theirs_together(given):
-    """About the new centre, nothing is lost but what is linear. After two planes that is not so: what is linear about
-    the centre that the first one leaves is gone when the second one moves it."""
+    """About the new centre, nothing is lost but what is linear."""
     splats = flattened(given(with_curvatures(random_splats(30, degree=0), every=1), every=1))
     found = whole(splats)
     there = points_in(found, np.arange(30))
@@ -111,3 +110,14 @@ def test_where_there_are_no_slopes_opposite_places_keep_theirs_together(given):
     after, before = (colors_at(of, there) + colors_at(of, opposite) for of in (found, splats))
     np.testing.assert_allclose(after, before, atol=5e-3)
     assert np.abs(colors_at(found, there) - colors_at(splats, there)).max() > 0.05
+    assert not found.n_slopes
+
+
+def test_slopes_of_others_stay_as_they_are_where_primitives_have_curvatures_alone():
+    """Each third primitive has slopes, each second one curvatures; two planes cut off all."""
+    splats = with_curvatures(with_slopes(random_splats(30, degree=0), every=3), every=2)
+    found = whole(PLANES["both"](splats, every=1))
+    alone = whole(PLANES["both"](replace(splats, curvature_index=[], brightness_curvatures=np.zeros((0, 6))), every=1))
+    np.testing.assert_array_equal(found.slope_index, splats.slope_index)
+    np.testing.assert_array_equal(found.color_slopes[1::2], alone.color_slopes[1::2])
+    assert np.abs(found.color_slopes[::2] - alone.color_slopes[::2]).max() > 0.02

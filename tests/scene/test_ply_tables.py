@@ -85,12 +85,12 @@ BAD_FILES = {
         to_bytes({"vertex": {"packed_position": np.zeros(2)}}),
         "compressed PLY, export it uncompressed",
     ),
-    "not finite": (plain(scale_1=NOT_FINITE), '2 values are not finite, first "scale_1" in row 2'),
+    "not finite": (plain(scale_1=NOT_FINITE), 'has values that are not finite: 2, the first "scale_1" in row 2'),
     "beyond float32": (
         to_bytes(
             {"vertex": vertex_columns(random_splats()) | {"y": np.full(7, 1e300)}}, types={"y": "double"}
         ),
-        '7 values are not finite, first "y" in row 0',
+        'has values that are not finite: 7, the first "y" in row 0',
     ),
     "some dog columns": (plain(dog_opacity=np.zeros(7)), 'element "vertex" has no property "dog_scale_0"'),
     "index too high": (

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mi_dogsplat.scene.ply import read_ply, write_ply
+from mi_dogsplat.scene.ply import read_ply, rows_save, write_ply
 from mi_dogsplat.scene.row_groups import SH
 from mi_dogsplat.scene.sh_basis import sh_degree_of
 from mi_dogsplat.scene.splats import Splats
@@ -124,6 +124,16 @@ def test_the_usual_file_is_plain_3dgs_padded_with_zeros(tmp_path):
     write_ply(tmp_path / "b.ply", mixed().uniform_sh())
     assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
     same(read_ply(tmp_path / "a.ply"), mixed().uniform_sh())
+
+
+@pytest.mark.parametrize("degrees", [[0, 3], [3] * 30 + [2], [0] * 9 + [1], [1, 2, 0, 3, 3], [0, 2] * 20, [2, 2]])
+def test_how_many_bytes_the_file_of_rows_saves_is_known_beforehand(tmp_path, degrees):
+    splats = random_splats(len(degrees), dog_index=[]).with_sh_degrees(degrees)
+    sizes = []
+    for layout in ("3dgs", "rows"):
+        write_ply(tmp_path / "m.ply", splats, layout=layout)
+        sizes.append((tmp_path / "m.ply").stat().st_size)
+    assert rows_save(np.array(degrees)) == sizes[0] - sizes[1]
 
 
 def test_a_uniform_model_is_the_same_file_in_both_layouts(tmp_path):

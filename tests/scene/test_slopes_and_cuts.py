@@ -228,9 +228,10 @@ def test_a_primitive_is_cut_if_either_plane_cuts_it_off():
 
 
 def test_kinds_are_counted_in_words_and_nothing_is_said_of_what_is_not_there():
-    assert kinds_of(model_of_all()) == "3 of them DoG, 4 with slopes, 2 with curvatures, 3 with a cut, 3 with a second"
-    assert kinds_of(model("second_cuts", dog_index=())) == "0 of them DoG, 4 with a second"
-    assert kinds({"n_cuts": 0, "n_second_cuts": 1234}) == "\u2013 of them DoG, 0 with a cut, 1,234 with a second"
+    all_kinds = "3 of them DoG, 4 with slopes, 2 with curvatures, 3 with a cut, 3 with a second cut"
+    assert kinds_of(model_of_all()) == all_kinds
+    assert kinds_of(model("second_cuts", dog_index=())) == "0 of them DoG, 4 with a second cut"
+    assert kinds({"n_cuts": 0, "n_second_cuts": 1234}) == "\u2013 of them DoG, 0 with a cut, 1,234 with a second cut"
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ def test_png_takes_grey_colour_and_alpha_and_makes_the_folder(tmp_path, shape, m
 def test_png_refuses_nan_and_odd_shapes(tmp_path):
     image = np.zeros((2, 2, 3))
     image[0, :, 1] = np.nan
-    with pytest.raises(ValueError, match="2 values of 12 are NaN"):
+    with pytest.raises(ValueError, match="has values that are NaN: 2 of 12"):
         pictures.write_png(tmp_path / "a.png", image)
     with pytest.raises(ValueError, match=r"\[2, 2, 5\]"):
         pictures.write_png(tmp_path / "a.png", np.zeros((2, 2, 5)))

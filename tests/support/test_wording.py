@@ -51,3 +51,9 @@ def test_numpy_numbers_count_as_numbers():
 )
 def test_names_are_listed_as_people_do(names, words):
     assert wording.in_words(names) == words
+
+
+def test_a_noun_is_in_the_plural_but_for_one():
+    assert [wording.counted(n, "primitive") for n in (0, 1, 2, 312_400)] == [
+        "0 primitives", "1 primitive", "2 primitives", "312,400 primitives"
+    ]  # fmt: skip

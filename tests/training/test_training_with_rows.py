@@ -41,7 +41,6 @@ class Kind(RowKind):
     truth: Callable[[], Splats]
     grown: float  # what some row is longer than at the end of a run
     faint: float  # a number in a row that no pixel shows
-    left: str  # how the event of the end goes on
 
     @property
     def preset(self) -> str:
@@ -61,18 +60,18 @@ class Kind(RowKind):
 
 
 SLOPED = Kind(
-    "slopes", SLOPES, ("slopes",), "ours", "dog_activated", tiny_data.sloped_truth, 0.1, 0.9 / 255, "have some"
+    "slopes", SLOPES, ("slopes",), "ours", "dog_activated", tiny_data.sloped_truth, 0.1, 0.9 / 255
 )
 CUT = Kind(
-    "cuts", CUTS, ("slopes", "cuts"), "ours_slopes", "slopes_activated", tiny_data.cut_truth, 1, 0.1, "have one"
+    "cuts", CUTS, ("slopes", "cuts"), "ours_slopes", "slopes_activated", tiny_data.cut_truth, 1, 0.1
 )
 SECOND_CUT = Kind(
     "second_cuts", SECOND_CUTS, ("slopes", "cuts", "second_cuts"), "ours_preconditioned", "cuts_activated",
-    tiny_data.twice_cut_truth, 1, 0.1, "have one",
+    tiny_data.twice_cut_truth, 1, 0.1,
 )  # fmt: skip
 CURVED = Kind(
     "curvatures", CURVATURES, ("slopes", "curvatures", "cuts", "second_cuts"), "ours_second_cuts", "slopes_activated",
-    tiny_data.curved_truth, 0.1, 0.9 / 255, "have some",
+    tiny_data.curved_truth, 0.1, 0.9 / 255,
 )  # fmt: skip
 
 KINDS = SLOPED, CURVED, CUT, SECOND_CUT
@@ -146,7 +145,7 @@ def test_the_end_leaves_out_what_no_pixel_shows_and_says_so(kind, pictures):
     (event,) = [event for event in trainer.end() if event.kind == f"{kind.word}_left_out"]
     gone, left = 20 - kind.n(optimizer), kind.n(optimizer)
     assert event.record == {"kind": event.kind, "count": gone, "left": left} and gone >= 2 and left > 5
-    assert event.text == f"{kind.said} of {gone} primitives left out, {left} {kind.left}"
+    assert event.text == f"{kind.said} left out: {gone}, kept: {left}"
     assert not np.isin([2, 11], optimizer.index_of(kind.group)).any()
     assert trainer.end() == []
 

@@ -16,7 +16,7 @@ from ..printing import cleaned_lines, size_line
 SUMMARY = "a model without what it does not need, or what you do not want"
 EXAMPLES = """
 Examples:
-  dogsplat clean model.ply -o lean.ply                       what no picture shows leaves: all keep their bits
+  dogsplat clean model.ply -o lean.ply                       what no picture shows leaves
   dogsplat clean model.ply -o object.ply --sphere 0 0 0 1.5 --connected 1 --preview clean.png
                                                              an object alone; and a picture to look at first
   dogsplat clean model.ply -o said.ply --up=-y --unit 0.31   says what is up, and its metres; no more
@@ -25,10 +25,11 @@ Examples:
   dogsplat clean run/point_cloud.ply -o object.ply --data photos/ --masks masks/
                                                              what masks show in white, as an object
 
-Without flags: primitives of an opacity below 1/255, DoG without effect, and SH bands that are zero. What the
-flags take out is counted, each primitive for the first reason that it has. --seen leaves every training view
-as it is. --masks keeps what is seen in white more than in black. --floaters goes by the surfaces that the
-views show (docs/clean.md): look at the PSNR before and after, which --data adds.
+Without flags: primitives of an opacity below 1/255, DoG without effect, and slopes, curvatures, cuts and SH
+bands that are zero. What the flags take out is counted, each primitive for the first reason that it has.
+--seen leaves every training view as it is. --masks keeps what is seen in white more than in black.
+--floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and after, which
+--data adds.
 """
 
 

@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Write a model in the format of another program, without DoG, slopes and cuts, and measure what that loses."""
+    """Write a model in the format of another program, without DoG, slopes, curvatures, cuts, and measure the loss."""
     config, world = given_settings(ExportConfig, args), given_settings(WorldConfig, args)
     options = given_settings(PictureOptions, args)
     set_variant(args.variant)

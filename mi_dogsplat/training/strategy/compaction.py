@@ -3,8 +3,8 @@
 In the window in which a count is pruned to, and by the same rule (``scheduler.py``), in bytes: of what the file has
 more than it may have, rounds take away their parts. Each round measures all options (``options.py``) and the size of
 the file as it is, which scales the prices. Bands that go do not come back. Half-way between the window and the end of
-the run, when rows of DoG, slopes and cuts are there and bands have settled, the bytes are divided once more. Slopes and
-cuts that the primitives are to get count from the first check on, as if they were there.
+the run, when rows of DoG, slopes, cuts and so on are there and bands have settled, the bytes are divided once more.
+Rows that the primitives are to get count from the first check on, as if they were there.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ def test_the_end_leaves_out_what_no_pixel_shows_and_keeps_the_moments_of_the_oth
     t: Any = SimpleNamespace(optimizer=optimizer)
     (event,) = CONTROLS[kind.word].end(t, None)
     assert event.record == {"kind": f"{kind.word}_left_out", "count": 3, "left": 3}
-    assert event.text == f"{kind.word.replace('_', ' ')} of 3 primitives left out, 3 have one"
+    assert event.text == f"{kind.word.replace('_', ' ')} left out: 3, kept: 3"
     assert kind.index(optimizer.to_splats()).tolist() == [1, 3, 5]
     np.testing.assert_array_equal(kind.values(optimizer.to_splats()), normals[[1, 3, 5]].astype(np.float32))
     assert CONTROLS[kind.word].end(t, None) == []

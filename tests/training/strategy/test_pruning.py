@@ -245,7 +245,7 @@ def test_a_model_with_dog_keeps_it_until_all_become_dog(data, tmp_path):
     ("n", "target", "words"),
     [
         (0, 0.1, "holds 0 primitives; pruning needs at least 2"),
-        (1, 0.1, "holds 1 primitives; pruning needs at least 2"),
+        (1, 0.1, "holds 1 primitive; pruning needs at least 2"),
         (5, 5, "--target: the target of 5 primitives is not below the 5 that there are"),
         (5, 500, "--target: .* not below the 5"),
         (5, 0.01, "--target: .* of 5 primitives leaves none"),
