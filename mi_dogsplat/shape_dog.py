@@ -139,6 +139,7 @@ class DogShape(mi.Mesh):
         if self.drawing.near_clip is not None:  # in units of the file
             self.drawing = replace(self.drawing, near_clip=self.drawing.near_clip * mean_scale(matrix))
         self.to_world, self._moves = mi.Transform4f(), False
+        self._fits = True
 
     def _assign(self, splats: Splats):
         for name in RAW:
@@ -162,6 +163,9 @@ class DogShape(mi.Mesh):
         callback.put("to_world", self.to_world, mi.ParamFlags.Differentiable)
 
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
+        if not self._fits:
+            keys = []  # the update before raised, so that nothing is known of what it changed
+        self._fits = False
         n, size = self.means.shape[0], require_sh_size(tuple(self.sh_coeffs.shape))
         if "to_world" in keys or not keys:
             matrix = self._matrix()
@@ -185,10 +189,16 @@ class DogShape(mi.Mesh):
         of_degrees = [group for group in SH.values() if group in self.groups]
         if of_degrees and (changed or "sh_coeffs" in keys):
             require_one_degree([getattr(self, group.index).numpy() for group in of_degrees], size)
+        self._fits = True
 
     @property
     def parameters(self) -> dict:
-        """Flat arrays for ``rasterize``, attached to the AD graph wherever the tensors are."""
+        """Flat arrays for ``rasterize``, attached to the AD graph wherever the tensors are.
+
+        Raises ``RuntimeError`` where the last update did not fit: kernels would read beyond the ends of arrays.
+        """
+        if not self._fits:
+            self.parameters_changed()
         params = {name: getattr(self, name).array for name in RAW}
         for group in self._in_use():
             params |= {name: getattr(self, name).array for name in group.names}
