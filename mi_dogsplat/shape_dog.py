@@ -12,6 +12,7 @@ import numpy as np
 from .engine.motion import moved
 from .engine.parameters import RAW, ROWS, device_array, rows_of_splats
 from .engine.sh_groups import padded_on_device
+from .plugin.freezing import refuse_freezing
 from .plugin.given_model import given_model, on_host
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
 from .scene.row_groups import CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SLOPES, RowGroup
@@ -163,6 +164,7 @@ class DogShape(mi.Mesh):
         callback.put("to_world", self.to_world, mi.ParamFlags.Differentiable)
 
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
+        refuse_freezing("dog", "an update of parameters")
         if not self._fits:
             keys = []  # the update before raised, so that nothing is known of what it changed
         self._fits = False
