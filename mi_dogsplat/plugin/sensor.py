@@ -179,18 +179,23 @@ def _attached(camera: DeviceCamera, parameters: dict[str, Any], film_size: mi.Sc
 
     local = dr.rcp(mi.Matrix3f([[to_world[r, c] for c in range(3)] for r in range(3)]))  # world to sensor
     rows = [[sign * local[r, c] for c in range(3)] for r, sign in enumerate((-1, -1, 1))]  # to OpenCV's axes
-    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    fx, fy, cx, cy, limits = camera.fx, camera.fy, camera.cx, camera.cy, camera.limits
     if camera.perspective:
         focal = 0.5 * film_width / dr.tan(dr.deg2rad(0.5 * parameters["x_fov"]))
         fx, fy = follow(fx, focal), follow(fy, focal)
         if "principal_point_offset_x" in names:
             cx = follow(cx, -film_width * parameters["principal_point_offset_x"])
             cy = follow(cy, -film_height * parameters["principal_point_offset_y"])
+        left, right, top, bottom = limits  # each (±centre + a number of pixels) / focal length
+        limits = [
+            follow(limit, (limit * dr.detach(f) + sign * (c - dr.detach(c))) / f)
+            for limit, sign, f, c in ((left, 1, fx, cx), (right, -1, fx, cx), (top, 1, fy, cy), (bottom, -1, fy, cy))
+        ]
     else:
         norms = [dr.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2]) for row in rows]
         fx, fy = follow(fx, 0.5 * film_width * norms[0]), follow(fy, 0.5 * film_width * norms[1])
         rows = [[value / norm for value in row] for row, norm in zip(rows, norms, strict=True)]
     rotation = [[follow(camera.rotation[r][c], rows[r][c]) for c in range(3)] for r in range(3)]
     position = [follow(camera.position[r], to_world[r, 3]) for r in range(3)]
-    dr.make_opaque(rotation, position, fx, fy, cx, cy)
-    return replace(camera, rotation=rotation, position=position, fx=fx, fy=fy, cx=cx, cy=cy)
+    dr.make_opaque(rotation, position, fx, fy, cx, cy, limits)
+    return replace(camera, rotation=rotation, position=position, fx=fx, fy=fy, cx=cx, cy=cy, limits=limits)
