@@ -42,17 +42,19 @@ class View:
             return ViewPass(self.sensor, self.camera, sample)
         camera, W = self.camera, self.camera.rotation
         x, y = dr.opaque(mi.Float, 0.5 - sample.x + border), dr.opaque(mi.Float, 0.5 - sample.y + border)
-        cx, cy, rest = camera.cx + x, camera.cy + y, camera.position_rest
+        cx, cy, rest, limits = camera.cx + x, camera.cy + y, camera.position_rest, camera.limits
         if self.lens:
             radius, focus = self.lens
             point: Any = mi.warp.square_to_uniform_disk_concentric(mi.ScalarPoint2f(sample.lens_x, sample.lens_y))
             left, up = (float(cast(Any, dr.slice(p))) for p in point)
             right, down = (radius * dr.opaque(mi.Float, -p) for p in (left, up))
-            cx, cy = cx + camera.fx * right / focus, cy + camera.fy * down / focus
+            along_x, along_y = right / focus, down / focus  # from there the whole film is seen in other directions
+            cx, cy = cx + camera.fx * along_x, cy + camera.fy * along_y
+            limits = [limits[0] + along_x, limits[1] - along_x, limits[2] + along_y, limits[3] - along_y]
             rest = [rest[c] + right * W[0][c] + down * W[1][c] for c in range(3)]
         size = {"width": camera.width + 2 * border, "height": camera.height + 2 * border}
         numbers = *camera.numbers, sample, border
-        moved = replace(camera, cx=cx, cy=cy, position_rest=rest, numbers=numbers, **size)
+        moved = replace(camera, cx=cx, cy=cy, position_rest=rest, limits=limits, numbers=numbers, **size)
         return ViewPass(self.sensor, moved, sample, border)
 
 
