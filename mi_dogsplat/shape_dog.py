@@ -228,11 +228,10 @@ class DogShape(mi.Mesh):
         return max([self.sh_coeffs.shape[1], *((d + 1) ** 2 for d, group in SH.items() if group in in_use)])
 
     def to_splats(self) -> Splats:
-        """The current parameters as a model on the host, e.g. for ``write_ply``."""
-        names = [*RAW, *(name for group in self.groups for name in group.names)]
-        arrays = {name: on_host(dr.detach(getattr(self, name))) for name in names}
-        arrays |= {group.index: getattr(self, group.index).numpy() for group in self.groups}
-        splats = Splats(**arrays)
+        """A copy of the current parameters as a model on the host, e.g. for ``write_ply``."""
+        names = [*RAW, *(name for group in self.groups for name in (group.index, *group.names))]
+        # on LLVM an array of NumPy shows the memory of the parameter
+        splats = Splats(**{name: np.array(on_host(dr.detach(getattr(self, name)))) for name in names})
         return transformed(splats, self._matrix()) if self._moves else splats
 
     def bbox(self) -> mi.ScalarBoundingBox3f:

@@ -163,6 +163,14 @@ def test_an_update_to_coefficients_of_no_sh_degree_is_an_error():
         params.update()
 
 
+def test_a_model_taken_from_the_shape_may_be_changed_without_changing_the_shape():
+    shape = load()
+    taken = shape.to_splats()
+    for name in (*RAW, *RAW_DOG, "dog_index"):
+        getattr(taken, name)[:] = 1
+    assert_equal(shape.to_splats(), MODEL)
+
+
 # Errors
 
 def test_wrong_parameters_are_refused_with_one_line_that_says_why(tmp_path):
