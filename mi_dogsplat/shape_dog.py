@@ -12,6 +12,7 @@ import numpy as np
 from .engine.motion import moved
 from .engine.parameters import RAW, ROWS, device_array, rows_of_splats
 from .engine.sh_groups import padded_on_device
+from .plugin.freezing import refuse_freezing
 from .plugin.given_model import given_model, on_host
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
 from .scene.row_groups import CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SLOPES, RowGroup
@@ -139,6 +140,7 @@ class DogShape(mi.Mesh):
         if self.drawing.near_clip is not None:  # in units of the file
             self.drawing = replace(self.drawing, near_clip=self.drawing.near_clip * mean_scale(matrix))
         self.to_world, self._moves = mi.Transform4f(), False
+        self._fits = True
 
     def _assign(self, splats: Splats):
         for name in RAW:
@@ -162,6 +164,10 @@ class DogShape(mi.Mesh):
         callback.put("to_world", self.to_world, mi.ParamFlags.Differentiable)
 
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
+        refuse_freezing("dog", "an update of parameters")
+        if not self._fits:
+            keys = []  # the update before raised, so that nothing is known of what it changed
+        self._fits = False
         n, size = self.means.shape[0], require_sh_size(tuple(self.sh_coeffs.shape))
         if "to_world" in keys or not keys:
             matrix = self._matrix()
@@ -185,10 +191,16 @@ class DogShape(mi.Mesh):
         of_degrees = [group for group in SH.values() if group in self.groups]
         if of_degrees and (changed or "sh_coeffs" in keys):
             require_one_degree([getattr(self, group.index).numpy() for group in of_degrees], size)
+        self._fits = True
 
     @property
     def parameters(self) -> dict:
-        """Flat arrays for ``rasterize``, attached to the AD graph wherever the tensors are."""
+        """Flat arrays for ``rasterize``, attached to the AD graph wherever the tensors are.
+
+        Raises ``RuntimeError`` where the last update did not fit: kernels would read beyond the ends of arrays.
+        """
+        if not self._fits:
+            self.parameters_changed()
         params = {name: getattr(self, name).array for name in RAW}
         for group in self._in_use():
             params |= {name: getattr(self, name).array for name in group.names}
@@ -216,11 +228,10 @@ class DogShape(mi.Mesh):
         return max([self.sh_coeffs.shape[1], *((d + 1) ** 2 for d, group in SH.items() if group in in_use)])
 
     def to_splats(self) -> Splats:
-        """The current parameters as a model on the host, e.g. for ``write_ply``."""
-        names = [*RAW, *(name for group in self.groups for name in group.names)]
-        arrays = {name: on_host(dr.detach(getattr(self, name))) for name in names}
-        arrays |= {group.index: getattr(self, group.index).numpy() for group in self.groups}
-        splats = Splats(**arrays)
+        """A copy of the current parameters as a model on the host, e.g. for ``write_ply``."""
+        names = [*RAW, *(name for group in self.groups for name in (group.index, *group.names))]
+        # on LLVM an array of NumPy shows the memory of the parameter
+        splats = Splats(**{name: np.array(on_host(dr.detach(getattr(self, name)))) for name in names})
         return transformed(splats, self._matrix()) if self._moves else splats
 
     def bbox(self) -> mi.ScalarBoundingBox3f:

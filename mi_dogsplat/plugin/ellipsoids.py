@@ -12,6 +12,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..formats.model import Model
 from ..formats.read import read_model
 from ..scene.row_groups import OWN_AXES
 from ..scene.splats import Splats
@@ -24,12 +25,14 @@ MIN_OPACITY = 1 / 255  # fainter primitives are not drawn by ``dogsplat`` either
 MIN_SCALE = 1e-6  # world units; Mitsuba's loader raises scales to this too, a ray divides by their squares in float32
 
 
-def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None, extent: float = EXTENT) -> dict:
+def to_ellipsoids(
+    model: Splats | Model | str | Path | mi.Shape, *, to_world: Any = None, extent: float = EXTENT
+) -> dict:
     """A shape for ``mi.load_dict``, alone or in the dict of a scene, of type ``ellipsoids``.
 
     Its ``opacities`` [N', 1] and ``sh_coeffs`` [N', 3 K] (K = (degree + 1)²) are the attributes that
-    ``volprim_rf_basic`` reads. The colours are sRGB, as its ``srgb_primitives`` expects by default; where a file or a
-    shape says that they are linear radiance a warning asks for ``srgb_primitives`` to be false.
+    ``volprim_rf_basic`` reads. The colours are sRGB, as its ``srgb_primitives`` expects by default; where a ``Model``,
+    a file or a shape says that they are linear radiance a warning asks for ``srgb_primitives`` to be false.
 
     An ellipsoid is one whole Gaussian of one colour: of a DoG primitive the positive one is kept, what the
     pseudo-Gaussian subtracts is left out, where a colour varies over its primitive the mean is kept, by slopes that at
@@ -38,7 +41,8 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     finite. What is left out is reported by a warning of Mitsuba's logger.
 
     Args:
-        model: a model, the path of one in any format, or a loaded shape ``dog`` (its parameters of this moment).
+        model: primitives, with how they are drawn or alone, the path of a file in any format, or a loaded shape
+            ``dog`` (its parameters of this moment).
         to_world: 4 x 4, any map that does not flatten (``mi.ScalarTransform4f`` or an array). Maps the
             spherical harmonics too; the shape's own ``to_world`` does not, and it refuses tensors.
         extent: radius of the shells in standard deviations. A ray meets a primitive where it enters its shell, in
@@ -69,17 +73,19 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     }
 
 
-def _splats(model: Splats | str | Path | mi.Shape) -> tuple[Splats, bool]:
+def _splats(model: Splats | Model | str | Path | mi.Shape) -> tuple[Splats, bool]:
     """The model, and whether its colours are said to be linear radiance."""
     if isinstance(model, Splats):
         return model, False
     if isinstance(model, (str, Path)):
-        found = read_model(model)
-        return found.splats, bool(found.drawing.linear)
+        model = read_model(model)
+    if isinstance(model, Model):
+        return model.splats, bool(model.drawing.linear)
     if hasattr(model, "to_splats"):  # not isinstance: the class of the shape is another one in every variant
         shape: Any = model
         return shape.to_splats(), bool(shape.drawing.linear)
-    raise ValueError(f'to_ellipsoids: a model is Splats, a path or a shape "dog", this is {type(model).__name__}')
+    kind = type(model).__name__
+    raise ValueError(f'to_ellipsoids: a model is Splats, Model, a path or a shape "dog", this is {kind}')
 
 
 def _drawn(splats: Splats) -> np.ndarray:

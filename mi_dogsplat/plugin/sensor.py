@@ -42,17 +42,19 @@ class View:
             return ViewPass(self.sensor, self.camera, sample)
         camera, W = self.camera, self.camera.rotation
         x, y = dr.opaque(mi.Float, 0.5 - sample.x + border), dr.opaque(mi.Float, 0.5 - sample.y + border)
-        cx, cy, rest = camera.cx + x, camera.cy + y, camera.position_rest
+        cx, cy, rest, limits = camera.cx + x, camera.cy + y, camera.position_rest, camera.limits
         if self.lens:
             radius, focus = self.lens
             point: Any = mi.warp.square_to_uniform_disk_concentric(mi.ScalarPoint2f(sample.lens_x, sample.lens_y))
             left, up = (float(cast(Any, dr.slice(p))) for p in point)
             right, down = (radius * dr.opaque(mi.Float, -p) for p in (left, up))
-            cx, cy = cx + camera.fx * right / focus, cy + camera.fy * down / focus
+            along_x, along_y = right / focus, down / focus  # from there the whole film is seen in other directions
+            cx, cy = cx + camera.fx * along_x, cy + camera.fy * along_y
+            limits = [limits[0] + along_x, limits[1] - along_x, limits[2] + along_y, limits[3] - along_y]
             rest = [rest[c] + right * W[0][c] + down * W[1][c] for c in range(3)]
         size = {"width": camera.width + 2 * border, "height": camera.height + 2 * border}
         numbers = *camera.numbers, sample, border
-        moved = replace(camera, cx=cx, cy=cy, position_rest=rest, numbers=numbers, **size)
+        moved = replace(camera, cx=cx, cy=cy, position_rest=rest, limits=limits, numbers=numbers, **size)
         return ViewPass(self.sensor, moved, sample, border)
 
 
@@ -179,18 +181,23 @@ def _attached(camera: DeviceCamera, parameters: dict[str, Any], film_size: mi.Sc
 
     local = dr.rcp(mi.Matrix3f([[to_world[r, c] for c in range(3)] for r in range(3)]))  # world to sensor
     rows = [[sign * local[r, c] for c in range(3)] for r, sign in enumerate((-1, -1, 1))]  # to OpenCV's axes
-    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    fx, fy, cx, cy, limits = camera.fx, camera.fy, camera.cx, camera.cy, camera.limits
     if camera.perspective:
         focal = 0.5 * film_width / dr.tan(dr.deg2rad(0.5 * parameters["x_fov"]))
         fx, fy = follow(fx, focal), follow(fy, focal)
         if "principal_point_offset_x" in names:
             cx = follow(cx, -film_width * parameters["principal_point_offset_x"])
             cy = follow(cy, -film_height * parameters["principal_point_offset_y"])
+        left, right, top, bottom = limits  # each (±centre + a number of pixels) / focal length
+        limits = [
+            follow(limit, (limit * dr.detach(f) + sign * (c - dr.detach(c))) / f)
+            for limit, sign, f, c in ((left, 1, fx, cx), (right, -1, fx, cx), (top, 1, fy, cy), (bottom, -1, fy, cy))
+        ]
     else:
         norms = [dr.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2]) for row in rows]
         fx, fy = follow(fx, 0.5 * film_width * norms[0]), follow(fy, 0.5 * film_width * norms[1])
         rows = [[value / norm for value in row] for row, norm in zip(rows, norms, strict=True)]
     rotation = [[follow(camera.rotation[r][c], rows[r][c]) for c in range(3)] for r in range(3)]
     position = [follow(camera.position[r], to_world[r, 3]) for r in range(3)]
-    dr.make_opaque(rotation, position, fx, fy, cx, cy)
-    return replace(camera, rotation=rotation, position=position, fx=fx, fy=fy, cx=cx, cy=cy)
+    dr.make_opaque(rotation, position, fx, fy, cx, cy, limits)
+    return replace(camera, rotation=rotation, position=position, fx=fx, fy=fy, cx=cx, cy=cy, limits=limits)

@@ -20,6 +20,7 @@ from .agreement import agreed
 from .camera_masks import CHANNEL, CameraMasks
 from .drawn import Drawn, SplattedModel
 from .film import Filter, develop, has_alpha, normalized, side_by_side
+from .freezing import refuse_freezing
 from .properties import given
 from .samples import Sample, samples
 from .sensor import SensorReader, ViewPass
@@ -152,6 +153,7 @@ class SplatIntegrator(ADIntegrator):
         return develop(film, self.aov_names(), planes, derivative)
 
     def _passes(self, scene: mi.Scene, sensor: mi.Sensor, seed, spp: int) -> list[Sample]:
+        refuse_freezing(self.name, "a render")
         if spp == 0:
             averages = self.averages(scene) or sensor.needs_aperture_sample()
             spp = sensor.sampler().sample_count() if averages else 1

@@ -118,7 +118,7 @@ def test_a_model_a_file_and_a_shape_give_the_same(tmp_path, quiet):
     write_ply(tmp_path / "model.ply", MODEL)
     shape: Any = mi.load_dict(dog_dict(MODEL))
     expected = to_ellipsoids(MODEL)
-    for model in (tmp_path / "model.ply", str(tmp_path / "model.ply"), shape):
+    for model in (Model(MODEL), tmp_path / "model.ply", str(tmp_path / "model.ply"), shape):
         assert_same(to_ellipsoids(model), expected)
     params: Any = mi.traverse(shape)
     params["means"] = params["means"] + 1
@@ -145,10 +145,11 @@ def test_the_negative_part_of_a_dog_model_is_left_out_and_reported():
     assert not said
 
 
-def test_that_colours_are_linear_is_said_for_a_file_and_for_a_shape(tmp_path):
-    write_model(tmp_path / "a.ply", Model(thick(), Drawing(linear=True)))
+def test_that_colours_are_linear_is_said_for_a_model_a_file_and_a_shape(tmp_path):
+    linear = Model(thick(), Drawing(linear=True))
+    write_model(tmp_path / "a.ply", linear)
     shape: Any = mi.load_dict({"type": "dog", "filename": str(tmp_path / "a.ply")})
-    for model in (tmp_path / "a.ply", shape):
+    for model in (linear, tmp_path / "a.ply", shape):
         with warnings() as said:
             to_ellipsoids(model)
         assert len(said) == 1 and "linear radiance; set srgb_primitives to false" in said[0]

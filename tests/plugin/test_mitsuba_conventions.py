@@ -6,6 +6,7 @@ samples change nothing; and a dict cannot be written as XML, because Mitsuba kno
 """
 
 import gc
+import traceback
 from typing import Any
 
 import drjit as dr
@@ -164,6 +165,30 @@ def test_a_value_takes_effect_with_update_which_says_what_changed():
     assert np.abs(mi.render(scene).numpy() - expected(splats=fainter)).mean() < 2e-5
     assert params.update({"splats.logit_opacities": mi.TensorXf(MODEL.logit_opacities)})
     assert np.abs(mi.render(scene).numpy() - expected()).mean() < 2e-5
+
+
+@pytest.fixture
+def no_collection():
+    """What Python collects while Dr.Jit records may end the process (docs/performance.md)."""
+    gc.disable()
+    yield
+    gc.enable()
+
+
+def test_what_dr_freeze_cannot_record_is_refused_in_one_line(image, no_collection):
+    scene: Any = scene_of(MODEL, CAMERA)
+    params: Any = mi.traverse(scene)
+    params.set_dirty("splats.means")
+    cases = [
+        (lambda x: mi.render(scene), "dogsplat: dr.freeze cannot record a render"),
+        (lambda x: params.update(), "dog: dr.freeze cannot record an update of parameters"),
+    ]
+    for function, problem in cases:
+        with pytest.raises(RuntimeError) as failed:
+            dr.freeze(function)(dr.opaque(mi.Float, 1))
+        assert problem in "".join(traceback.format_exception(failed.value))  # Dr.Jit and Mitsuba wrap it
+    params.update()
+    np.testing.assert_array_equal(mi.render(scene).numpy(), image)
 
 
 def test_parameters_can_be_kept_by_pattern_and_names_unknown_are_refused():

@@ -106,8 +106,17 @@ def test_the_image_is_the_same_with_and_without_derivatives_of_the_pose():
     np.testing.assert_array_equal(np.array(derived), primal)
 
 
-def test_derivatives_of_angle_and_principal_point_equal_differences():
-    scene = scene_of(MODEL, CAMERA, **FLAT)
+def beside_the_image() -> Splats:
+    """Large ones, most of them so far outside that they are linearised nearer to the image: where, the camera says."""
+    splats = random_splats(12, seed=4, degree=2)
+    splats.means[:, :2] *= 2
+    splats.log_scales = splats.log_scales + 1.2
+    return rounded(splats)
+
+
+@pytest.mark.parametrize("model", [MODEL, beside_the_image()], ids=["within", "beside"])
+def test_derivatives_of_angle_and_principal_point_equal_differences(model):
+    scene = scene_of(model, CAMERA, **FLAT)
     params: Any = mi.traverse(scene)
     values = variables(3)
     names = ["x_fov", "principal_point_offset_x", "principal_point_offset_y"]
@@ -119,7 +128,7 @@ def test_derivatives_of_angle_and_principal_point_equal_differences():
     def loss(p: np.ndarray) -> float:
         f = 8 / np.tan(np.radians(fov + p[0]) / 2)
         camera = Camera(CAMERA.w2c, f, f, CAMERA.cx - 16 * p[1], CAMERA.cy - 12 * p[2], 16, 12)
-        return image_loss(MODEL, camera)
+        return image_loss(model, camera)
 
     assert_equal(gradient(scene, params, values), central(loss, 3), names)
 

@@ -79,6 +79,23 @@ def test_a_thin_lens_sees_along_mitsubas_rays_through_each_point_of_the_lens(cro
         assert_rays_meet_their_pixels(view_of(sensor), sample)
 
 
+@pytest.mark.parametrize("crop", [{}, CROP], ids=["whole", "crop"])
+@pytest.mark.parametrize("kind", ["perspective", "thinlens"])
+def test_primitives_are_linearised_up_to_the_same_margin_around_the_film_by_every_sample(kind, crop):
+    """That is 15 % of the film, as each point of a lens sees it."""
+    lens = {"aperture_radius": 0.7, "focus_distance": 2.5} if kind == "thinlens" else {}
+    view = view_of({"type": kind, "to_world": to_world(), "fov": 50.0, "film": film(**crop), **lens})
+    for sample, border in itertools.product((Sample(), SAMPLE, *samples(5, seed=2)), (0, 3)):
+        camera = view.through(sample, border).camera
+        fx, fy, cx, cy = map(number, (camera.fx, camera.fy, camera.cx, camera.cy))
+        left = 0.5 - sample.x + border - crop.get("crop_offset_x", 0)  # of the film, in pixels of this camera
+        top = 0.5 - sample.y + border - crop.get("crop_offset_y", 0)
+        margin_x, margin_y = 0.15 * 64, 0.15 * 48
+        expected = [cx - left + margin_x, left + 64 - cx + margin_x, cy - top + margin_y, top + 48 - cy + margin_y]
+        limits = np.array([number(limit) for limit in camera.limits]) * (fx, fx, fy, fy)
+        np.testing.assert_allclose(limits, expected, rtol=1e-5)  # rounding of float32 is below 1e-6
+
+
 @pytest.mark.parametrize("scale", [(1, 1, 1), (2.5, 2.5, 1), (2, 3, 0.5), (-1.5, 1.5, 1)], ids=str)
 def test_an_orthographic_sensor_sees_along_mitsubas_rays(scale):
     for crop in ({}, CROP):

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import Splats, read_ply, reference, write_ply
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import axis_rotation, dog_dict, make_splats, random_splats, rounded, scalar_transform
 
@@ -138,11 +139,36 @@ def test_an_update_to_an_impossible_index_is_an_error():
             params.update()
 
 
+def test_after_an_update_that_does_not_fit_nothing_is_drawn_until_one_fits():
+    """Kernels would read beyond the ends of arrays, and take old rows for those of the new index."""
+    shape: Any = load()
+    params: Any = mi.traverse(shape)
+    params["dog_index"] = mi.UInt32(MODEL.dog_index[1:])
+    for attempt in (params.update, lambda: shape.parameters):
+        with pytest.raises(RuntimeError, match='dog: "dog_logit_opacities" has shape'):
+            attempt()
+
+    params = mi.traverse(shape)  # knows nothing of the index that was changed before
+    for name in RAW_DOG:
+        params[name] = mi.TensorXf(getattr(MODEL, name)[1:])
+    params.update()
+    given = upload(replace(MODEL, **{name: getattr(MODEL, name)[1:] for name in ("dog_index", *RAW_DOG)}))
+    np.testing.assert_array_equal(shape.parameters["dog_row"].numpy(), given["dog_row"].numpy())
+
+
 def test_an_update_to_coefficients_of_no_sh_degree_is_an_error():
     params: Any = mi.traverse(load())
     params["sh_coeffs"] = dr.zeros(mi.TensorXf, (12, 5, 3))
     with pytest.raises(RuntimeError, match='"sh_coeffs" has shape'):
         params.update()
+
+
+def test_a_model_taken_from_the_shape_may_be_changed_without_changing_the_shape():
+    shape = load()
+    taken = shape.to_splats()
+    for name in (*RAW, *RAW_DOG, "dog_index"):
+        getattr(taken, name)[:] = 1
+    assert_equal(shape.to_splats(), MODEL)
 
 
 # Errors
