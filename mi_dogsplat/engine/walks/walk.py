@@ -82,6 +82,8 @@ class Walk:
         # whether a negative α raises T; a model without DoG has none, and is not asked
         self.amplifies = view.settings.negative_transmittance or not self.has_dog
         self.blocks = view.grid.blocks
+        # with both a step is so long that the loop costs little beside two of them (docs/performance.md)
+        self.unroll = min(2, self.blocks.unroll) if self.has_dog and self.settings.cuts else self.blocks.unroll
         tile = view.lanes.tile
         self.walked = True if dog is None else (dr.gather(types.UInt, view.lists.dog, tile) != 0) == dog
         # past a branch, or with sums, what is held for the next steps costs more than it saves (docs/performance.md)
@@ -113,7 +115,7 @@ class Walk:
         Args:
             step: takes a primitive, T per pixel and ``state``, and replaces items of these two lists (or dictionaries).
             state: nested lists and dictionaries of arrays.
-            unroll: take the backend's number of primitives per iteration; else one.
+            unroll: take as many primitives per iteration as suit the backend and the length of a step; else one.
 
         Returns (T per pixel, state), T negative where the walk has ended.
         """
@@ -122,7 +124,7 @@ class Walk:
             T, state = _copied(T), _copied(state)
             if self.hurries and self.stop_depth is None:
                 self.unended = list(T)
-            for _ in range(self.blocks.unroll if unroll else 1):
+            for _ in range(self.unroll if unroll else 1):
                 meeting, place = self._next(place)
                 step(meeting, T, state)
             return self.list.look_ahead(place), T, state
