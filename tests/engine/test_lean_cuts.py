@@ -87,11 +87,12 @@ def test_curvatures_take_no_kernel_more_and_work_for_primitives_and_blocks_alone
 @pytest.mark.parametrize("kind", [*KINDS, CURVED])
 @pytest.mark.parametrize(("fewer", "more"), [((), (CUTS,)), ((CUTS,), PLANES)], ids=["one plane", "a second"])
 def test_cuts_take_no_kernel_more_and_work_for_primitives_and_blocks_alone(kind, fewer, more):
+    """With DoG and cuts the compositor's code is of fewer primitives per iteration."""
     splats = model(kind)
     without, with_cuts = forward(cut(splats, *fewer) if fewer else splats), forward(cut(splats, *more))
     assert len(launched_kernels(with_cuts)) == len(launched_kernels(without))
     costs = stages(without), stages(with_cuts)
-    assert {stage for stage, least in costs[0].items() if costs[1][stage] > least} == {"primitives", "compositor"}
+    assert {stage for stage, least in costs[0].items() if costs[1][stage] != least} == {"primitives", "compositor"}
 
 
 def test_a_forward_pass_does_not_evaluate_what_derivatives_alone_need(monkeypatch):
