@@ -28,8 +28,8 @@ def matrix_of(transform: Any) -> np.ndarray:
     Raises ``ValueError`` for another shape, such as that of a transform several lanes wide.
     """
     matrix = np.array(getattr(transform, "matrix", transform), dtype=np.float64)
-    lanes = matrix.shape[2:]
-    if matrix.shape[:2] != (4, 4) or lanes not in ((), (1,)):
-        found = f"{lanes[0]} lanes wide" if len(lanes) == 1 else f"of shape {list(matrix.shape)}"
+    if matrix.shape not in ((4, 4), (4, 4, 1)):
+        wide = matrix.ndim == 3 and matrix.shape[:2] == (4, 4)
+        found = f"{matrix.shape[2]} lanes wide" if wide else f"of shape {list(matrix.shape)}"
         raise ValueError(f"a model is moved by one matrix [4, 4]; this transform is {found}")
     return matrix.reshape(4, 4)
