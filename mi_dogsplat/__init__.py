@@ -18,6 +18,7 @@ from .formats.model import Model  # noqa: E402
 from .formats.read import read_model  # noqa: E402
 from .formats.write import write_model  # noqa: E402
 from .plugin.ellipsoids import to_ellipsoids  # noqa: E402
+from .plugin.to_dog import to_dog  # noqa: E402
 from .scene.drawing import Drawing  # noqa: E402
 from .scene.ply import read_ply, write_ply  # noqa: E402
 from .scene.splats import Splats  # noqa: E402
@@ -25,7 +26,7 @@ from .support.variants import refuse, supported  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
-    "Drawing", "Model", "Splats", "read_model", "read_ply", "to_ellipsoids", "write_model", "write_ply"
+    "Drawing", "Model", "Splats", "read_model", "read_ply", "to_dog", "to_ellipsoids", "write_model", "write_ply"
 ]  # fmt: skip
 
 PLUGINS = ("shape_dog", "plugin.splat_integrator", "integrator", "plugin.dogpath")

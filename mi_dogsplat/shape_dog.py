@@ -10,10 +10,11 @@ import mitsuba as mi
 import numpy as np
 
 from .engine.motion import moved
-from .engine.parameters import RAW, ROWS, device_array, rows_of_splats
+from .engine.parameters import RAW, ROWS, device_array, device_tensor, rows_of_splats
 from .engine.sh_groups import padded_on_device
 from .plugin.freezing import refuse_freezing
 from .plugin.given_model import given_model, on_host
+from .plugin.properties import matrix_of
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
 from .scene.row_groups import CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SLOPES, RowGroup
 from .scene.splats import Splats
@@ -80,11 +81,19 @@ class DogShape(mi.Mesh):
          where all primitives have one degree.
        - |exposed|, |differentiable| (not the indices)
 
+     * - antialiased, near_clip, linear, white
+       - |bool|, |float|, |bool|, |float|
+       - How the model is drawn, before what its file says (docs/export.md): opacities make up for the screen-space
+         low-pass filter; primitives nearer to the camera plane are dropped, in units of the model; colours are linear
+         radiance; the radiance that a screen shows as white. The integrator's own parameters come first. (Default: as
+         the file says)
+
      * - to_world
        - |transform|
-       - Any linear map that does not flatten, and translation; turns the spherical harmonics too (docs/transforms.md).
-         What is given is applied once at load. The exposed parameter starts as the identity and moves the loaded
-         primitives further: by rotation, mirror, uniform scale and translation. (Default: identity)
+       - Any linear map that does not flatten, and translation; its last row is 0, 0, 0, 1. It turns the spherical
+         harmonics too (docs/transforms.md). What is given is applied once at load. The exposed parameter starts as the
+         identity and moves the loaded primitives further: by rotation, mirror, uniform scale and translation.
+         (Default: identity)
        - |exposed|, |differentiable|
 
     A DoG primitive is the difference of its Gaussian and a wider or narrower *pseudo-Gaussian* with the same centre,
@@ -131,7 +140,7 @@ class DogShape(mi.Mesh):
         self.set_id(props.id())
         try:
             model, self.source = given_model(props)
-            matrix = _matrix_of(props.get("to_world", mi.ScalarTransform4f()))
+            matrix = matrix_of(props.get("to_world", mi.ScalarTransform4f()))
             splats = transformed(model.splats, matrix)
         except (TypeError, ValueError, OSError) as error:
             raise RuntimeError(f"dog: {error}") from None
@@ -144,11 +153,11 @@ class DogShape(mi.Mesh):
 
     def _assign(self, splats: Splats):
         for name in RAW:
-            setattr(self, name, _tensor(getattr(splats, name)))
+            setattr(self, name, device_tensor(getattr(splats, name)))
         self.groups = [group for group in GROUPS if len(getattr(splats, group.index))]
         for group in self.groups:
             for name in group.names:
-                setattr(self, name, _tensor(getattr(splats, name)))
+                setattr(self, name, device_tensor(getattr(splats, name)))
             setattr(self, group.index, device_array(getattr(splats, group.index), mi.UInt32))
         self._rows = {  # of the groups of which kernels ask for the row of a primitive: index [M] to its inverse [N]
             group.index: rows_of_splats(getattr(splats, group.index), splats.n_splats)
@@ -170,8 +179,8 @@ class DogShape(mi.Mesh):
         self._fits = False
         n, size = self.means.shape[0], require_sh_size(tuple(self.sh_coeffs.shape))
         if "to_world" in keys or not keys:
-            matrix = self._matrix()
             try:
+                matrix = self._matrix()
                 decompose_similarity(matrix)
             except ValueError as error:
                 raise RuntimeError(f'dog: "to_world": {error}') from None
@@ -215,7 +224,7 @@ class DogShape(mi.Mesh):
 
     def _matrix(self) -> np.ndarray:
         """The parameter ``to_world`` on the host."""
-        return _matrix_of(dr.detach(self.to_world))
+        return matrix_of(dr.detach(self.to_world))
 
     def _in_use(self) -> list[RowGroup]:
         """Groups that have a row; one that has been emptied may get rows again."""
@@ -262,18 +271,9 @@ def _start_as_a_point(mesh: Any) -> None:
     if hasattr(mesh, "from_fields"):
         mi.Mesh.__init__(mesh, mi.Properties())
         corners: Any = mi.TensorXu  # of a stub that has no constructor
-        mesh.from_fields(faces=corners(np.zeros((1, 3), np.uint32)), positions=_tensor(np.zeros((3, 3))))
+        mesh.from_fields(faces=corners(np.zeros((1, 3), np.uint32)), positions=device_tensor(np.zeros((3, 3))))
     else:
         mi.Mesh.__init__(mesh, "dog", vertex_count=3, face_count=1)
-
-
-def _matrix_of(transform: Any) -> np.ndarray:
-    """[4, 4] of a transform, of Mitsuba's plain numbers or of its arrays."""
-    return np.array(transform.matrix, dtype=np.float64).reshape(4, 4)
-
-
-def _tensor(values: np.ndarray) -> mi.TensorXf:
-    return mi.TensorXf(device_array(values), values.shape)
 
 
 mi.register_shape("dog", lambda props: DogShape(props))

@@ -16,14 +16,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat import to_dog
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.engine.parameters import RAW_DOG, upload
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.engine.tiles import tiles
 from mi_dogsplat.scene.cameras import Camera
@@ -116,13 +116,9 @@ def measure(models: dict[float, Splats], camera: Camera, rounds: int) -> dict[tu
 
 def rendering(splats: Splats, camera: Camera) -> Callable[[], None]:
     """``mi.render``: the film and the conversion of colours come on top."""
-    names = RAW + (RAW_DOG if splats.n_dog else ())
-    shape = {"type": "dog"} | {name: mi.TensorXf(getattr(splats, name)) for name in names}
-    if splats.n_dog:
-        tensor_of_integers: Any = mi.TensorXu
-        shape["dog_index"] = tensor_of_integers(splats.dog_index)
     sensor = camera_to_mitsuba(camera) | {"sampler": {"type": "independent", "sample_count": 1}}
-    scene = mi.load_dict({"type": "scene", "integrator": {"type": "dogsplat"}, "sensor": sensor, "splats": shape})
+    scene = mi.load_dict({"type": "scene", "integrator": {"type": "dogsplat"}, "sensor": sensor,
+                         "splats": to_dog(splats)})
 
     def run() -> None:
         dr.eval(mi.render(scene, spp=1))  # pyright: ignore[reportArgumentType]

@@ -15,12 +15,12 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat import reference
+from mi_dogsplat import reference, to_dog
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG
 from mi_dogsplat.reference.forward import raw_indices, raw_names
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba, opencv_w2c_to_mitsuba_c2w
-from mi_dogsplat.scene.row_groups import CURVATURES, GROUPS, PLANES, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CURVATURES, PLANES, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from scipy.spatial.transform import Rotation
 
@@ -87,12 +87,8 @@ def with_rows(group: RowGroup, size: float, splats: Splats) -> Splats:
 
 
 def dog_dict(splats: Splats, **others: Any) -> dict[str, Any]:
-    """The shape as a dict for ``mi.load_dict``, its parameters given as tensors."""
-    groups = [group for group in GROUPS if len(getattr(splats, group.index))]
-    names = [*RAW, *(name for group in groups for name in group.names)]
-    tensor_of_integers: Any = mi.TensorXu
-    indices = {group.index: tensor_of_integers(getattr(splats, group.index)) for group in groups}
-    return {"type": "dog", **{name: mi.TensorXf(getattr(splats, name)) for name in names}, **indices, **others}
+    """The shape as a dict for ``mi.load_dict``, with other properties of the shape."""
+    return {**to_dog(splats), **others}
 
 
 def smooth_sky() -> np.ndarray:

@@ -16,9 +16,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.engine.parameters import RAW
+from mi_dogsplat import to_dog, to_ellipsoids
 from mi_dogsplat.measure.metrics import psnr
-from mi_dogsplat.plugin.ellipsoids import to_ellipsoids
 from mi_dogsplat.render.framing import automatic_camera
 from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.scene.cameras import Camera
@@ -63,8 +62,7 @@ def scenes(splats: Splats, camera: Camera, unit: float = 1.0) -> tuple[mi.Scene,
     """(dogsplat, volprim_rf_basic); the film of both receives blended sRGB values. ``unit``: of the near planes."""
     sensor = camera_to_mitsuba(camera, SENSOR_NEAR * unit, 1e4 * unit)
     kinds: list[tuple[dict[str, Any], dict[str, Any]]] = [
-        ({"type": "dogsplat", "near_clip": 0.2 * unit},
-         {"type": "dog", **{name: mi.TensorXf(getattr(splats, name)) for name in RAW}}),
+        ({"type": "dogsplat", "near_clip": 0.2 * unit}, to_dog(splats)),
         ({"type": "volprim_rf_basic"}, to_ellipsoids(splats)),
     ]
     ours, theirs = (mi.load_dict({"type": "scene", "shape": shape, "sensor": sensor,

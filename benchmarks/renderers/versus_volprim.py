@@ -7,6 +7,7 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+from mi_dogsplat import to_dog
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.splats import Splats
@@ -20,14 +21,6 @@ def scenes(splats: Splats, camera: Camera) -> dict[str, mi.Scene]:
     sensor = camera_to_mitsuba(camera) | {"sampler": {"type": "independent", "sample_count": 1}}
     sensor["film"] |= {"rfilter": {"type": "box"}}
     tensor = mi.TensorXf
-    ours = {
-        "type": "dog",
-        "means": tensor(splats.means),
-        "log_scales": tensor(splats.log_scales),
-        "quats": tensor(splats.quats),
-        "logit_opacities": tensor(splats.logit_opacities),
-        "sh_coeffs": tensor(splats.sh_coeffs),
-    }
     theirs = {
         "type": "ellipsoids",
         "centers": tensor(splats.means),
@@ -42,7 +35,7 @@ def scenes(splats: Splats, camera: Camera) -> dict[str, mi.Scene]:
         "ours": {"type": "dogsplat", "near_clip": 0.01},
         "volprim": {"type": "volprim_rf_basic", "srgb_primitives": True},
     }
-    shapes = {"ours": ours, "volprim": theirs}
+    shapes = {"ours": to_dog(splats), "volprim": theirs}
     return {
         name: mi.load_dict({"type": "scene", "integrator": integrators[name], "sensor": sensor, "splats": shapes[name]})
         for name in integrators

@@ -38,6 +38,11 @@ def device_array(values: np.ndarray, dtype: Any = None) -> Any:
     return (dtype or mi.Float)(aligned)
 
 
+def device_tensor(values: np.ndarray) -> mi.TensorXf:
+    """A tensor of the same shape that shares no memory with ``values``."""
+    return mi.TensorXf(device_array(values), values.shape)
+
+
 def device_bytes() -> Any:
     """The type of arrays of bytes."""
     return dr.uint8_array_t(mi.Float)

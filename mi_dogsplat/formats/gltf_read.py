@@ -39,7 +39,7 @@ def read(path: Path) -> Model:
     """The Gaussians of a file, in LUF axes. Raises ``DataError``."""
     container = Container.open(path)
     try:
-        found = list(_models(container))
+        found = _in_one_place(list(_models(container)))
         if not found:
             raise DataError(path, f"holds no primitive with {NAME}", "export it as Gaussians")
         if len({bool(model.drawing.linear) for model in found}) > 1:
@@ -48,7 +48,8 @@ def read(path: Path) -> Model:
         for model in reversed(found):
             drawing = model.drawing.over(drawing)
         left_out = tuple(dict.fromkeys(line for model in found for line in model.left_out))
-        return Model(_concatenated([model.splats for model in found]), drawing, left_out)
+        splats = found[0].splats.joined(*(model.splats for model in found[1:]))
+        return Model(splats, drawing, left_out)
     except DataError:
         raise
     except (struct.error, ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:
@@ -56,8 +57,8 @@ def read(path: Path) -> Model:
         raise DataError(path, problem, "the file is damaged: copy or export it again") from error
 
 
-def _models(container: Container) -> Iterator[Model]:
-    """The model of each primitive, where its node has it."""
+def _models(container: Container) -> Iterator[tuple[Model, Array]]:
+    """The model of each primitive, and the matrix [4, 4] of its node."""
     content = container.content
     left = FREE + RATIO * container.path.stat().st_size  # bytes: nodes may name a mesh again and again
     for node, matrix in _nodes(content):
@@ -69,7 +70,14 @@ def _models(container: Container) -> Iterator[Model]:
             left -= sum(getattr(model.splats, field.name).nbytes for field in fields(model.splats))
             if left < 0:
                 raise ValueError("its nodes repeat more primitives than it has bytes for")
-            yield model if _says(model.drawing, matrix) else _moved(model, matrix)
+            yield model, matrix
+
+
+def _in_one_place(found: list[tuple[Model, Array]]) -> list[Model]:
+    """Models in the axes that they say to have, where all nodes do the same and no more than that; else in glTF's."""
+    if all(_says(model.drawing, matrix) and np.array_equal(matrix, found[0][1]) for model, matrix in found):
+        return [model for model, _ in found]
+    return [_moved(model, matrix) for model, matrix in found]
 
 
 def _says(drawing: Drawing, matrix: Array) -> bool:
@@ -158,17 +166,3 @@ def _drawing(primitive: Any, extension: Any) -> Drawing:
     """What is said on the drawing: by ``colorSpace``, and before it by our ``extras``."""
     linear = {LINEAR: True, DISPLAY: False}.get(str(extension.get("colorSpace")))
     return drawing_of_extras(primitive.get("extras")).over(Drawing(linear=linear))
-
-
-def _concatenated(parts: list[Splats]) -> Splats:
-    """One model of several of plain Gaussians; lower degrees are filled up with zeros."""
-    k = max(splats.sh_coeffs.shape[1] for splats in parts)
-    return Splats(
-        means=np.concatenate([splats.means for splats in parts]),
-        log_scales=np.concatenate([splats.log_scales for splats in parts]),
-        quats=np.concatenate([splats.quats for splats in parts]),
-        logit_opacities=np.concatenate([splats.logit_opacities for splats in parts]),
-        sh_coeffs=np.concatenate(
-            [np.pad(sh, ((0, 0), (0, k - sh.shape[1]), (0, 0))) for sh in (splats.sh_coeffs for splats in parts)]
-        ),
-    )

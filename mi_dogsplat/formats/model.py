@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.drawing import Drawing
+from ..scene.drawing import Drawing, differences
 from ..scene.row_groups import GROUPS
 from ..scene.splats import DENSE, Splats
 from ..support.errors import DataError
@@ -22,6 +22,25 @@ class Model:
     drawing: Drawing = Drawing()
     left_out: tuple[str, ...] = ()
     """a line for each thing in the file that has no place here"""
+
+    def joined(self, *others: Model) -> Model:
+        """One model of this one and others, as ``Splats.joined`` makes it; what one of them says on its drawing holds.
+
+        Raises ``ValueError`` where they are not drawn alike: then the pictures of some, or the place that they say to
+        have, would change. What a model does not say counts as what is usual: sRGB colours that are not antialiased, a
+        near clip of 0.2, white at 1, -y up, and a metre as its unit.
+        """
+        for k, other in enumerate(others, 1):
+            if different := differences(self.drawing, other.drawing):
+                raise ValueError(
+                    f"Model.joined: model 0 and model {k} are not drawn alike: {', '.join(different)}; "
+                    "make them alike first, or join their splats and say how the whole is drawn"
+                )
+        drawing = self.drawing
+        for other in others:
+            drawing = drawing.over(other.drawing)
+        left_out = tuple(dict.fromkeys(line for model in (self, *others) for line in model.left_out))
+        return Model(self.splats.joined(*(other.splats for other in others)), drawing, left_out)
 
 
 def require_finite(path: Path, splats: Splats, remedy: str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..scene.row_groups import SH
 from ..scene.splats import Array, Splats
 
 SQRT2 = np.sqrt(2.0)
@@ -24,12 +25,16 @@ Turn = tuple[tuple[int, ...], tuple[int, ...]]
 def turned(splats: Splats, turn: Turn) -> Splats:
     """A model of plain Gaussians by half a turn, ``RUB`` or ``LUF``; again, and it is as it was. It loses nothing."""
     axes, bands = (np.array(signs, np.float32) for signs in turn)
+    groups: dict[str, Array] = {group.index: getattr(splats, group.index) for group in SH.values()}
+    for degree, group in SH.items():
+        groups |= {name: getattr(splats, name) * bands[1 : (degree + 1) ** 2, None] for name in group.names}
     return Splats(
         means=splats.means * axes,
         log_scales=splats.log_scales,
         quats=splats.quats * np.append(axes, np.float32(1)),  # of D R D, D the turn: the axes of a like ellipsoid
         logit_opacities=splats.logit_opacities,
         sh_coeffs=splats.sh_coeffs * bands[: splats.sh_coeffs.shape[1], None],
+        **groups,
     )
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
-from ..scene.drawing import DrawnAs
+from ..scene.drawing import USUAL
 from ..scene.kinds import varying
-from ..scene.orientation import UP
 from ..scene.radiance import brightened
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
@@ -63,7 +62,7 @@ def write_model(
         splats = whole(splats)
     if splats.is_varied.any() and not chosen.slopes:
         splats = splats.without_slopes()
-    if not (sh_rows and chosen.mixed_sh):
+    if splats.mixed_sh and not (sh_rows and chosen.mixed_sh):
         splats = splats.uniform_sh()
     if chosen is not PLY:  # whose writer looks at its numbers by itself
         require_finite(path, splats, "nothing was written; remove those primitives")
@@ -93,8 +92,7 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     """Lines about what a format has no room for, beside rounding."""
     said, lost = model.drawing.said(), []
     unsaid = {name: value for name, value in said.items() if name not in chosen.carries}
-    usual = asdict(DrawnAs()) | {"scale": 1.0, "up": UP}  # what readers take where a file is silent
-    if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != usual.get(name)]:
+    if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != USUAL[name]]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
     if model.splats.is_cut.any() and not chosen.cuts:
         n = count(model.splats.is_cut.sum())

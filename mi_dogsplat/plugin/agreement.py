@@ -6,10 +6,9 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from ..scene.drawing import Drawing, DrawnAs, drawn_as
+from ..scene.drawing import ROUNDING, Drawing, DrawnAs, drawn_as
 
 PROPERTIES = {"antialiased": "antialiased", "near_clip": "near_clip", "linear": "srgb_primitives"}  # of the integrator
-ROUNDING = 1e-5  # relative: lengths of a file are scaled by ``to_world``, whose numbers are float32
 
 
 def agreed(own: Drawing, shapes: Iterable[Any]) -> DrawnAs:

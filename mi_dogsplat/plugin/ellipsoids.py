@@ -13,12 +13,13 @@ import mitsuba as mi
 import numpy as np
 
 from ..formats.model import Model
-from ..formats.read import read_model
 from ..scene.row_groups import OWN_AXES
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..scene.whole import whole
 from ..support.wording import counted, in_words
+from .given_model import model_of
+from .properties import matrix_of
 
 EXTENT = 3.0  # standard deviations, the default of Mitsuba; a Gaussian is 1.1 % of its peak there
 MIN_OPACITY = 1 / 255  # fainter primitives are not drawn by ``dogsplat`` either
@@ -43,8 +44,8 @@ def to_ellipsoids(
     Args:
         model: primitives, with how they are drawn or alone, the path of a file in any format, or a loaded shape
             ``dog`` (its parameters of this moment).
-        to_world: 4 x 4, any map that does not flatten (``mi.ScalarTransform4f`` or an array). Maps the
-            spherical harmonics too; the shape's own ``to_world`` does not, and it refuses tensors.
+        to_world: 4 x 4, any map that does not flatten (``mi.ScalarTransform4f``, ``mi.Transform4f`` or an array).
+            Maps the spherical harmonics too; the shape's own ``to_world`` does not, and it refuses tensors.
         extent: radius of the shells in standard deviations. A ray meets a primitive where it enters its shell, in
             that order, so that a larger extent costs time and mixes up neighbours.
 
@@ -53,9 +54,10 @@ def to_ellipsoids(
     """
     if not extent > 0:
         raise ValueError(f"to_ellipsoids: extent is {extent}, it must be positive")
-    splats, linear = _splats(model)
+    model = model_of(model, "to_ellipsoids")
+    splats, linear = model.splats, bool(model.drawing.linear)
     if to_world is not None:
-        splats = transformed(splats, np.array(getattr(to_world, "matrix", to_world), dtype=np.float64))
+        splats = transformed(splats, matrix_of(to_world))
     found = whole(splats.select(_drawn(splats)).plain())
     found = found.without_slopes().select(_drawn(found))
     _report(splats, splats.n_splats - found.n_splats, linear)
@@ -71,21 +73,6 @@ def to_ellipsoids(
         "sh_coeffs": mi.TensorXf(splats.sh_coeffs.reshape(splats.n_splats, -1)),
         "extent": float(extent),  # extent_adaptive_clamping would save time, but is NaN for opacities below .01
     }
-
-
-def _splats(model: Splats | Model | str | Path | mi.Shape) -> tuple[Splats, bool]:
-    """The model, and whether its colours are said to be linear radiance."""
-    if isinstance(model, Splats):
-        return model, False
-    if isinstance(model, (str, Path)):
-        model = read_model(model)
-    if isinstance(model, Model):
-        return model.splats, bool(model.drawing.linear)
-    if hasattr(model, "to_splats"):  # not isinstance: the class of the shape is another one in every variant
-        shape: Any = model
-        return shape.to_splats(), bool(shape.drawing.linear)
-    kind = type(model).__name__
-    raise ValueError(f'to_ellipsoids: a model is Splats, Model, a path or a shape "dog", this is {kind}')
 
 
 def _drawn(splats: Splats) -> np.ndarray:

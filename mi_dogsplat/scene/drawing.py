@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
-from .orientation import up_vector
+import numpy as np
+
+from .orientation import UP, up_vector
 
 EXTRAS = "dogsplat"  # our name in extras, and in comments
 RENDER_MODES = {"mip": True, "default": False}
+ROUNDING = 1e-5  # relative: lengths that are said may have been scaled in float32
 BRUSH_UP = {"x": "x", "y": "-y", "z": "-z"}  # what Brush means by its vertical axis
 
 
@@ -67,6 +70,22 @@ def drawn_as(*said: Drawing) -> DrawnAs:
         decided = decided.over(drawing)
     known = {field.name for field in fields(DrawnAs)}
     return DrawnAs(**{name: value for name, value in decided.said().items() if name in known})
+
+
+USUAL: dict[str, Any] = asdict(DrawnAs()) | {"scale": 1.0, "up": UP}
+"""What readers take where a file is silent, by the names of the fields of ``Drawing``."""
+
+
+def differences(a: Drawing, b: Drawing) -> list[str]:
+    """What two models disagree in, as ``scale 1.0 and 0.31``; what is not said counts as what is usual."""
+    of_a, of_b = USUAL | a.said(), USUAL | b.said()
+    return [f"{name} {of_a[name]} and {of_b[name]}" for name in USUAL if not _same(name, of_a[name], of_b[name])]
+
+
+def _same(name: str, a: Any, b: Any) -> bool:
+    if name == "up":
+        return bool(np.allclose(up_vector(a), up_vector(b), rtol=0, atol=ROUNDING))
+    return math.isclose(a, b, rel_tol=ROUNDING)
 
 
 NAMES = tuple(field.name for field in fields(Drawing))

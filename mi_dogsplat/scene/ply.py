@@ -183,7 +183,7 @@ def write_ply(
     Raises ``DataError`` when the place cannot be written, or a value is not finite (nobody could read it).
     """
     path = Path(path)
-    if layout == "3dgs":
+    if layout == "3dgs" and splats.mixed_sh:
         splats = splats.uniform_sh()
     n = splats.n_splats
     rest = _by_channel(splats.sh_coeffs[:, 1:])

@@ -47,6 +47,8 @@ class Splats:
 
     Arrays become contiguous float32 (indices: uint32) and their shapes are checked once, here. Raises ``ValueError``
     that names both sides of a mismatch. Of the values only the indices are looked at.
+
+    Methods that return a model return one that shares no memory with this one: either may be changed in place.
     """
 
     means: Array
@@ -252,6 +254,32 @@ class Splats:
             arrays |= {group.index: index, **{name: getattr(self, name)[rows] for name in group.arrays}}
         return Splats(**arrays)
 
+    def joined(self, *others: Splats) -> Splats:
+        """One model of this one and others: the N + N' + ... primitives in this order, each with all its rows.
+
+        Each primitive keeps its SH degree. Of uniform models of one degree the result is uniform, else it is mixed, and
+        its ``uniform_sh()`` is padded to the highest degree. Models without primitives have no say in that.
+        """
+        parts = [part for part in (self, *others) if part.n_splats] or [self]
+        if len({part.sh_coeffs.shape[1] for part in parts}) > 1 or any(part.mixed_sh for part in parts):
+            parts = [part._in_groups_of_sh() for part in parts]
+        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in DENSE}
+        firsts = np.cumsum([0, *(part.n_splats for part in parts[:-1])])  # of each part, its row in the whole
+        for group in GROUPS:
+            indices = [getattr(part, group.index) + first for part, first in zip(parts, firsts, strict=True)]
+            arrays[group.index] = np.concatenate(indices)
+            arrays |= {name: np.concatenate([getattr(part, name) for part in parts]) for name in group.names}
+        return Splats(**arrays)
+
+    def _in_groups_of_sh(self) -> Splats:
+        """The same, mixed: of a uniform model above degree 0 all primitives are in the group of its degree."""
+        degree = sh_degree_of(self.sh_coeffs.shape[1])
+        if degree == 0:
+            return self
+        group, (name,) = SH[degree], SH[degree].names
+        rows = {group.index: np.arange(self.n_splats), name: self.sh_coeffs[:, 1:]}
+        return replace(self, sh_coeffs=self.sh_coeffs[:, :1], **rows)
+
     def plain(self) -> Splats:
         """All N primitives as plain Gaussians: the primaries, without what their pseudo-Gaussians subtract."""
         return self._without(DOG)
@@ -284,25 +312,24 @@ class Splats:
         return Splats(**{name: values.copy() for name, values in vars(self).items() if name not in left_out})
 
     def uniform_sh(self, degree: int | None = None) -> Splats:
-        """The model with one SH degree for all primitives, itself if that is what it is; what is missing is zero.
+        """The model with one SH degree for all primitives; what is missing is zero.
 
         Args:
             degree: 0..3; coefficients above are dropped. None: ``sh_degree``, with which nothing changes in pictures.
+
+        Raises ``ValueError`` for what is no degree.
         """
         degree = self.sh_degree if degree is None else _checked_degree(degree, "uniform_sh")
         if not self.mixed_sh and degree == self.sh_degree:
-            return self
+            return self._without()
         k = (degree + 1) ** 2
         padded = np.zeros((self.n_splats, k, 3), np.float32)
         of_all = self.sh_coeffs[:, :k]
         padded[:, : of_all.shape[1]] = of_all
-        without: dict[str, Array] = {}
         for group in SH.values():
-            (name,) = group.names
-            index, coeffs = getattr(self, group.index), getattr(self, name)
-            padded[index, 1 : 1 + coeffs.shape[1]] = coeffs[:, : k - 1]
-            without |= {group.index: index[:0], name: coeffs[:0]}
-        return replace(self, sh_coeffs=padded, **without)
+            coeffs = getattr(self, group.names[0])
+            padded[getattr(self, group.index), 1 : 1 + coeffs.shape[1]] = coeffs[:, : k - 1]
+        return replace(self._without(*SH.values()), sh_coeffs=padded)
 
     def with_sh_degrees(self, degrees: ArrayLike) -> Splats:
         """The model with a degree for each primitive; coefficients above it are dropped, missing ones are zero.

@@ -17,6 +17,8 @@ from .row_groups import ALONG_AXES, SH
 from .sh_basis import sh_basis_table
 from .splats import Splats
 
+AFFINE = 1e-5  # by which the last row of a matrix may be off
+
 
 def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     """(rotation or rotoreflection [3,3], scale, translation [3]) of a 4x4 matrix.
@@ -24,6 +26,7 @@ def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndar
     Raises ``ValueError`` unless the matrix is such an isometry, a uniform positive scale and a translation.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
+    check_affine(matrix)
     linear, translation = matrix[:3, :3], matrix[:3, 3]
     det = np.linalg.det(linear) if np.isfinite(matrix).all() else 0.0
     scale = float(np.cbrt(abs(det)))
@@ -33,6 +36,13 @@ def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndar
             "collapses it"
         )
     return linear / scale, scale, translation
+
+
+def check_affine(matrix: np.ndarray) -> None:
+    """Raise ``ValueError`` unless the last row of a matrix [4, 4] is 0, 0, 0, 1, as far as float32 tells."""
+    if not np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=AFFINE):
+        row = ", ".join(f"{value:g}" for value in matrix[3])
+        raise ValueError(f"a model cannot be projected: the last row of this matrix is {row}, not 0, 0, 0, 1")
 
 
 def mean_scale(matrix: np.ndarray) -> float:
@@ -54,11 +64,12 @@ def sh_rotation(rotation: np.ndarray, degree: int) -> np.ndarray:
 def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
     """The model moved by a matrix [4, 4], which maps its points as columns. Exactly the same arrays for the identity.
 
-    Raises ``ValueError`` for a matrix that collapses the model or is not finite.
+    Raises ``ValueError`` for a matrix that collapses the model, projects it or is not finite.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     if np.array_equal(matrix, np.eye(4)):
         return splats
+    check_affine(matrix)
     linear, translation = matrix[:3, :3], matrix[:3, 3]
     check_regular(linear)
     if not np.isfinite(translation).all():

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat import reference
+from mi_dogsplat import reference, to_dog
 from mi_dogsplat.plugin.transfer import linear_to_srgb, srgb_to_linear
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import random_splats, rounded, scene_of, sensor_dict, square_camera
@@ -68,8 +68,7 @@ def test_an_emitter_is_seen_as_the_path_tracer_sees_it(sensor, sky, srgb_primiti
     """However bright: the curve to display values and back loses nothing."""
     scene: Any = mi.load_dict({"type": "scene", "sensor": SENSORS[sensor], "sky": sky,
                                "integrator": {"type": "dogsplat", "srgb_primitives": srgb_primitives},
-                               "nothing": {"type": "dog", **{k: mi.TensorXf(getattr(Splats.empty(0), k)) for k in (
-                                   "means", "log_scales", "quats", "logit_opacities", "sh_coeffs")}}})
+                               "nothing": to_dog(Splats.empty(0))})
     got, expected = np.array(mi.render(scene)), path_traced(SENSORS[sensor], sky)
     assert expected.std() > 0.1
     np.testing.assert_allclose(got, expected, rtol=2e-4, atol=1e-5)

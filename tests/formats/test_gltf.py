@@ -143,6 +143,20 @@ def test_of_a_primitive_with_indices_those_rows_are_read(tmp_path, content, kind
     assert np.array_equal(read.sh_coeffs, expected.sh_coeffs)
 
 
+def test_primitives_keep_their_degrees_of_colour(tmp_path, content):
+    found, binary = content
+    (whole,) = found["meshes"][0]["primitives"]
+    kept = {name: k for name, k in whole["attributes"].items() if "SH_DEGREE" not in name or "DEGREE_0" in name}
+    found["meshes"][0]["primitives"] = [{**whole, "attributes": kept}, whole]
+    found["buffers"] = [{"byteLength": len(binary)}]
+    (tmp_path / "b.glb").write_bytes(glb(found, binary))
+    read, coefficients = read_model(tmp_path / "b.glb").splats, foreign_model.model().sh_coeffs
+    assert read.sh_degrees.tolist() == [0] * 12 + [2] * 12
+    padded = read.uniform_sh().sh_coeffs
+    assert np.array_equal(padded[12:], coefficients) and np.array_equal(padded[:12, :1], coefficients[:, :1])
+    assert not padded[:12, 1:].any()
+
+
 def test_linear_and_display_referred_primitives_are_not_one_model(tmp_path, content):
     found, binary = content
     plain = found["meshes"][0]["primitives"][0]

@@ -1,5 +1,6 @@
 """What a model says of its up axis and unit: glTF stands by it, numbers stay, and turn only where it is asked for."""
 
+import copy
 import json
 
 import foreign_model
@@ -50,6 +51,33 @@ def test_a_node_that_was_moved_counts_and_the_axes_of_gltf_hold_then(tmp_path):
     assert (again.drawing.up, again.drawing.scale) == ("-y", 1.0)
     expected = upright(Model(foreign_model.model(), Drawing(up="z", scale=2.0)))[0].splats
     np.testing.assert_allclose(again.splats.means, expected.means + np.array([-1, -2, 3]), atol=1e-4)
+
+
+def test_models_that_are_placed_differently_meet_in_the_axes_of_gltf(tmp_path):
+    """Each node sets its model upright and in metres; one of them in its own numbers would be somewhere else."""
+    places = [Drawing(up="z", scale=2.0), Drawing(up="x", scale=0.5)]
+    contents = []
+    for drawing in places:
+        write_model(tmp_path / "a.gltf", Model(foreign_model.model(), drawing))
+        contents.append(json.loads((tmp_path / "a.gltf").read_text()))
+    content, (node,) = contents[0], contents[1]["nodes"]
+    (primitive,) = copy.deepcopy(content["meshes"][0]["primitives"])
+    primitive["extras"] = contents[1]["meshes"][0]["primitives"][0]["extras"]
+    content["meshes"].append({"primitives": [primitive]})
+    content["nodes"].append({**node, "mesh": 1})
+    content["scenes"] = [{"nodes": [0, 1]}]
+    (tmp_path / "b.gltf").write_text(json.dumps(content))
+    both = read_model(tmp_path / "b.gltf")
+    assert (both.drawing.up, both.drawing.scale) == ("-y", 1.0)
+    expected = [upright(Model(foreign_model.model(), drawing))[0].splats.means for drawing in places]
+    np.testing.assert_allclose(both.splats.means, np.concatenate(expected), atol=1e-4)
+    assert np.abs(expected[0] - expected[1]).max() > 1
+
+    content["nodes"] = [content["nodes"][0], {**content["nodes"][0], "mesh": 0}]  # placed alike they stay what they are
+    (tmp_path / "c.gltf").write_text(json.dumps(content))
+    twice = read_model(tmp_path / "c.gltf")
+    assert (twice.drawing.up, twice.drawing.scale) == ("z", 2.0)
+    np.testing.assert_array_equal(twice.splats.means, np.tile(foreign_model.model().means, (2, 1)))
 
 
 def test_a_file_of_before_that_has_no_matrix_keeps_what_it_says(tmp_path):

@@ -156,6 +156,24 @@ def test_after_an_update_that_does_not_fit_nothing_is_drawn_until_one_fits():
     np.testing.assert_array_equal(shape.parameters["dog_row"].numpy(), given["dog_row"].numpy())
 
 
+@pytest.mark.parametrize(("to_world", "problem"), [
+    (lambda: mi.Transform4f(np.diag([1.0, 1.0, 1.0, 2.0])), "the last row of this matrix is 0, 0, 0, 2, not 0"),
+    (lambda: mi.Transform4f().translate(mi.Point3f([1, 2, 3], 0, 0)), "this transform is 3 lanes wide"),
+], ids=["projective", "wide"])
+def test_to_world_is_one_affine_map_at_load_and_later(to_world, problem):
+    shape: Any = load()
+    params: Any = mi.traverse(shape)
+    params["to_world"] = to_world()
+    for refused in (params.update, lambda: shape.parameters):
+        with pytest.raises(RuntimeError, match=f'dog: "to_world": a model .*{problem}'):
+            refused()
+    params["to_world"] = mi.Transform4f().translate([0, 0, 1])
+    params.update()
+    np.testing.assert_allclose(shape.to_splats().means, MODEL.means + [0, 0, 1], atol=1e-6)
+    with pytest.raises(RuntimeError, match=f"dog: a model .*{problem}"):
+        load(to_world=to_world())
+
+
 def test_an_update_to_coefficients_of_no_sh_degree_is_an_error():
     params: Any = mi.traverse(load())
     params["sh_coeffs"] = dr.zeros(mi.TensorXf, (12, 5, 3))
@@ -188,6 +206,10 @@ def test_wrong_parameters_are_refused_with_one_line_that_says_why(tmp_path):
         ({"type": "dog", "filename": 5}, '"filename" is 5, it must be a string'),
         ({"type": "dog", "filename": file, "radius": 3.0}, "radius"),
         ({**dog_dict(MODEL), "colour": mi.TensorXf(MODEL.means)}, "colour"),
+        ({**dog_dict(MODEL), "near_clip": -0.5}, 'dog: "near_clip" is -0.5, it must be zero or more and finite'),
+        ({**dog_dict(MODEL), "white": 0}, 'dog: "white" is 0, it must be above zero and finite'),
+        ({**dog_dict(MODEL), "linear": "yes"}, "\"linear\" is 'yes', it must be true or false"),
+        ({"type": "dog", "filename": file, "antialiased": 1}, '"antialiased" is 1, it must be true or false'),
     ]
     for given, problem in cases:
         with pytest.raises(RuntimeError, match=problem):

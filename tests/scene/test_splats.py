@@ -1,5 +1,7 @@
 """Splats: shapes are checked once, activations are exact, selection keeps DoG rows with their primitive."""
 
+import itertools
+
 import numpy as np
 import pytest
 from mi_dogsplat.scene.splats import Splats
@@ -131,11 +133,14 @@ def test_a_mixture_falls_into_its_dog_and_its_gaussian_primitives(dog_index):
     assert gaussians.n_dog == 0
 
 
-def test_a_selection_shares_no_memory_with_the_model():
+def test_what_a_method_returns_shares_no_memory_with_the_model():
     splats = make()
-    for chosen in (splats.select(np.ones(6, dtype=bool)), splats.plain()):
-        chosen.means[:] = -1
-        assert splats.means.min() == 0
+    of_all = [splats.select(np.ones(6, dtype=bool)), splats.plain(), splats.without_slopes(), splats.without_cuts(),
+              splats.uniform_sh(), splats.uniform_sh(3), splats.with_sh_degrees(np.arange(6) % 3), splats.joined(),
+              splats.with_sh_degrees(np.ones(6)), splats.with_sh_degrees(np.arange(6) % 3).uniform_sh()]  # fmt: skip
+    for chosen in of_all:
+        for ours, theirs in itertools.product(vars(chosen).values(), vars(splats).values()):
+            assert not np.shares_memory(ours, theirs)
 
 
 def test_a_wrong_selection_is_refused():

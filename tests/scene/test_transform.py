@@ -13,6 +13,7 @@ from mi_dogsplat.scene.quaternions import (
 from mi_dogsplat.scene.sh_basis import sh_basis_table
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import (
+    check_affine,
     decompose_similarity,
     sh_rotation,
     transformed,
@@ -135,3 +136,13 @@ def test_a_mirror_image_is_a_similarity_too():
 def test_shears_stretches_and_collapses_are_no_similarities(linear):
     with pytest.raises(ValueError, match="shears, stretches or collapses"):
         decompose_similarity(similarity(1, linear))
+
+
+@pytest.mark.parametrize("row", [(0, 0, 0, 2), (0, 0, 0.1, 1), (0, 0, 0, 0), (0, np.nan, 0, 1)])
+def test_a_matrix_that_projects_is_refused(row):
+    matrix = similarity()
+    check_affine(matrix)
+    matrix[3] = row
+    for refused in (lambda: transformed(rounded(random_splats(3)), matrix), lambda: decompose_similarity(matrix)):
+        with pytest.raises(ValueError, match="a model cannot be projected: the last row of this matrix is 0, "):
+            refused()
