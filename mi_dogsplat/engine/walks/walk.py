@@ -28,6 +28,7 @@ from ..tables import (
     SplatRow,
     columns_used,
     row_size,
+    varying_columns,
 )
 from .exp2 import exp2
 from .kept import Kept, all_kept, left_of
@@ -36,6 +37,7 @@ from .lane_list import AheadList, LaneList
 from .pixels import BlockPixels
 
 ALPHA_MAX = 0.99
+AVX512_LANES = 16  # of a tile; with AVX-512 there are twice the registers of AVX2 and SSE
 MAX_T = 2.0**30  # only a stack of negative lobes gets there; float32 would end in ∞ and NaN
 
 
@@ -82,12 +84,11 @@ class Walk:
         # whether a negative α raises T; a model without DoG has none, and is not asked
         self.amplifies = view.settings.negative_transmittance or not self.has_dog
         self.blocks = view.grid.blocks
-        # with both a step is so long that the loop costs little beside two of them (docs/performance.md)
-        self.unroll = min(2, self.blocks.unroll) if self.has_dog and self.settings.cuts else self.blocks.unroll
         tile = view.lanes.tile
         self.walked = True if dog is None else (dr.gather(types.UInt, view.lists.dog, tile) != 0) == dog
         # past a branch, or with sums, what is held for the next steps costs more than it saves (docs/performance.md)
         self.hurries = blends_only and not self.has_dog
+        self.unroll = self._unrolled(blends_only)
         its_list = AheadList if self.hurries else LaneList
         self.list = its_list(view.lists, tile, self.blocks.lanes_per_tile, self.walked)
         self.x0, self.y0 = types.Float(view.lanes.x) + 0.5, types.Float(view.lanes.y) + 0.5
@@ -96,6 +97,15 @@ class Walk:
         self.pixels = BlockPixels(view.grid, view.lanes)
         self.stop_depth = None if self.tables.stop_depth is None else self.pixels.read(self.tables.stop_depth)
         self.unended: list | None = None  # in a walk that hurries: T of this iteration as if it did not end
+
+    def _unrolled(self, blends_only: bool) -> int:
+        """How many primitives an iteration takes: the longer a step and the fewer the registers, the fewer, for each
+        holds values for the others (docs/performance.md)."""
+        most, has_many_registers = self.blocks.unroll, self.blocks.lanes_per_tile >= AVX512_LANES
+        if self.has_dog and self.settings.cuts:
+            return min(2 if blends_only else 1, most)
+        is_short = not self.has_dog and (self.hurries or not varying_columns(self.settings))
+        return most if is_short or has_many_registers else min(2, most)
 
     def _align_stack(self) -> None:
         """Local memory that LLVM cannot optimise away, always 0, makes it align the stack to cache lines.
