@@ -32,6 +32,7 @@ from mi_dogsplat.scene.mitsuba_cameras import camera_from_mitsuba
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 
+from ..engine.kinds import Kind, dog, with_curvatures, with_slopes, with_two_cuts
 from ..engine.lean import engine_backward, engine_forward
 from ..models import fern_points
 from .targets import environment
@@ -48,11 +49,25 @@ def still_life(width: int) -> tuple[Splats, Camera]:
     return read_ply(SCENES / "still_life.ply"), camera_from_mitsuba(sensor).resized(width, width * 3 // 4)
 
 
+def fern_of(make: Kind) -> tuple[Splats, Camera]:
+    """Fern's points, all of a kind."""
+    splats, camera = fern_points()
+    return make(splats), camera
+
+
+def with_everything(splats: Splats) -> Splats:
+    """All primitives as preset ``ours_curvatures`` makes them."""
+    return with_two_cuts(with_curvatures(with_slopes(dog(splats))))
+
+
 MODELS: dict[str, Callable[[], tuple[Splats, Camera]]] = {
     "still life, 400x300": lambda: still_life(400),
     "still life, 800x600": lambda: still_life(800),
     "fern's points, 10,091, 400x300": fern_points,
     "fern's points ten times, 100,910, 400x300": lambda: fern_points(10),
+    "fern's points, all DoG": lambda: fern_of(dog),
+    "fern's points, DoG with slopes": lambda: fern_of(lambda splats: with_slopes(dog(splats))),
+    "fern's points with everything": lambda: fern_of(with_everything),
 }
 
 
