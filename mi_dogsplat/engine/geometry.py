@@ -30,6 +30,7 @@ class Blocks:
     lanes_x: int  # of a tile, lanes
     lanes_y: int
     unroll: int
+    adapts: bool = False  # to the length of a step: ``unroll`` is for short ones, longer ones take fewer
     overlap: int = 0  # columns and rows, at the right and at the bottom, that the next block and tile have as well
 
     @property
@@ -73,7 +74,7 @@ class Blocks:
         """
         if dr.backend_v(mi.Float) == dr.JitBackend.CUDA:
             return Blocks(4, 2, 4, 8, 1)
-        return Blocks(4, 4, *LANES.get(llvm_packet(), LANES[16]), 4)
+        return Blocks(4, 4, *LANES.get(llvm_packet(), LANES[16]), 4, adapts=True)
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,8 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     if settings.cuts:
         projection.cuts = (2 * projection.colors)[: settings.cuts * CUT_COLUMNS]
     features = (2 * projection.colors)[: settings.n_features]
-    view = arrange(projection, features, Grid(SIZE, SIZE, replace(Blocks.of_backend(), unroll=unroll)), settings)
+    blocks = replace(Blocks.of_backend(), unroll=unroll, adapts=False)
+    view = arrange(projection, features, Grid(SIZE, SIZE, blocks), settings)
     dr.eval(view)
     return view
 

@@ -150,7 +150,7 @@ def test_the_operations_per_pixel_are_those_of_the_compositor(monkeypatch):
     params, camera = upload(model(0)), DeviceCamera.upload(make_camera())
 
     def in_kernel(unroll: int) -> int:
-        monkeypatch.setattr(Blocks, "of_backend", lambda: dataclasses.replace(blocks, unroll=unroll))
+        monkeypatch.setattr(Blocks, "of_backend", lambda: dataclasses.replace(blocks, unroll=unroll, adapts=False))
         return loop(launches(lambda: rasterize(params, camera, options).T.numpy())).operations
 
     forward, backward = pair_operations(Settings(3), False, mi.variant())
@@ -166,6 +166,8 @@ def test_each_choice_adds_operations():
     dog = np.array(pair_operations(Settings(3), True, variant))
     depth = np.array(pair_operations(Settings(4), False, variant))
     assert (plain < depth).all() and (depth < dog).all()
+    cut = [np.array(pair_operations(Settings(3, cuts=planes), True, variant)) for planes in (0, 1, 2)]
+    assert (cut[0] < cut[1]).all() and (cut[1] < cut[2]).all()
     index, two = (aov_operations(names, False, variant) for names in (("index",), ("index", "count")))
     assert 0 < index < two < aov_operations(("index", "count"), True, variant)
     costs = [primitive_operations(RasterOptions(degree), False, variant) for degree in range(4)]

@@ -101,11 +101,12 @@ class Walk:
     def _unrolled(self, blends_only: bool) -> int:
         """How many primitives an iteration takes: the longer a step and the fewer the registers, the fewer, for each
         holds values for the others (docs/performance.md)."""
-        most, has_many_registers = self.blocks.unroll, self.blocks.lanes_per_tile >= AVX512_LANES
-        if self.has_dog and self.settings.cuts:
-            return min(2 if blends_only else 1, most)
         is_short = not self.has_dog and (self.hurries or not varying_columns(self.settings))
-        return most if is_short or has_many_registers else min(2, most)
+        if is_short or not self.blocks.adapts:
+            return self.blocks.unroll
+        if self.has_dog and self.settings.cuts:
+            return 2 if blends_only else 1
+        return self.blocks.unroll if self.blocks.lanes_per_tile >= AVX512_LANES else 2
 
     def _align_stack(self) -> None:
         """Local memory that LLVM cannot optimise away, always 0, makes it align the stack to cache lines.
