@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,8 +14,11 @@ from ..support.errors import DataError
 
 def pycolmap_module(gpu: bool) -> Any:
     """pycolmap, which keeps quiet. Raises ``DataError`` where a GPU is asked for and it has been built without."""
+    terminate = signal.getsignal(signal.SIGTERM)
     import pycolmap  # here: of the extra "poses", and it takes half a second
 
+    if terminate is not None and threading.current_thread() is threading.main_thread():  # others set no signals
+        signal.signal(signal.SIGTERM, terminate)  # the import took it, to print a trace of C++ and end the process
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value  # what is wrong is said here, in one line
     if gpu and not pycolmap.has_cuda:
         remedy = "install one with CUDA (pip install pycolmap-cuda12), or leave --gpu out"
