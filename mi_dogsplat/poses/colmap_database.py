@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import threading
 from collections.abc import Iterator
@@ -10,6 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from ..support.errors import DataError
+from ..support.wording import file_size
+
+MOST_FEATURES = 8192  # of an image, as COLMAP has it
+IMAGE_BYTES = MOST_FEATURES * (128 + 24)  # descriptors, and key points of six float32, at most
+PAIR_BYTES = MOST_FEATURES * 2 * 8  # matches, and those of them that its geometry keeps, at most
+JOURNAL = 2  # SQLite writes everything twice
 
 
 def pycolmap_module(gpu: bool) -> Any:
@@ -24,6 +31,17 @@ def pycolmap_module(gpu: bool) -> Any:
         remedy = "install one with CUDA (pip install pycolmap-cuda12), or leave --gpu out"
         raise DataError("--gpu", f"pycolmap {pycolmap.__version__} is built without CUDA", remedy)
     return pycolmap
+
+
+def require_room(database: Path, n_bytes: int) -> None:
+    """Raise ``DataError`` where the disk has no room for so many bytes of images or pairs more.
+
+    COLMAP writes them in threads of its own, and ends the process with a trace where it cannot.
+    """
+    needed, free = JOURNAL * n_bytes, shutil.disk_usage(database.parent).free
+    if free < needed:
+        problem = f"its disk has {file_size(free)} left, and up to {file_size(needed)} are written next"
+        raise DataError(database.parent, problem, "make room; the same command goes on")
 
 
 @contextmanager
