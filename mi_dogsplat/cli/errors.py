@@ -7,9 +7,8 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType
 
-from ..runs.stopping import Stopped, signals_to
+from ..runs.stopping import Stopped, stopped_with
 from ..support.errors import DataError, interruptible
 
 EXTRA_OF = {"pycolmap": "poses", "av": "poses"}  # what a training needs for plain images and videos only
@@ -31,18 +30,8 @@ def quiet_pipe(run: Callable[[], int]) -> int:
 @contextmanager
 def resumable() -> Iterator[None]:
     """Work that is stopped here, by Ctrl-C or SIGTERM, goes on with the same command: ``Stopped`` then says so."""
-    asked = signal.SIGINT
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = signal.Signals(number)
-        raise KeyboardInterrupt
-
-    try:
-        with signals_to(interrupt, signal.SIGTERM):
-            yield
-    except KeyboardInterrupt:
-        raise Stopped("stopped; the same command again goes on from here", asked) from None
+    with stopped_with("stopped; the same command again goes on from here"):
+        yield
 
 
 def one_line_errors(run: Callable[[], int | None], extra: str = "train", program: str = "dogsplat") -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..support.wording import counted
+from ..support.wording import counted, file_size
 
 if TYPE_CHECKING:
     from ..editing.clean import Cleaned
@@ -59,8 +59,8 @@ def simplified_lines(simplified: Simplified) -> list[str]:
 
 def size_line(out: Path, n_splats: int, model: Path) -> str:
     """What was written, beside what it was made of."""
-    megabytes, before = (path.stat().st_size / 1e6 for path in (out, model))
-    return f"{out}: {counted(n_splats, 'primitive')}, {megabytes:.2f} MB; {model.name} has {before:.2f} MB"
+    size, before = (file_size(path.stat().st_size) for path in (out, model))
+    return f"{out}: {counted(n_splats, 'primitive')}, {size}; {model.name} has {before}"
 
 
 def say(line: str) -> None:

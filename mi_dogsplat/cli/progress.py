@@ -19,6 +19,10 @@ class Bar:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """It stays as it is, with the time that it took until now."""
         if self._bar is not None:
             self._bar.close()
 
@@ -30,7 +34,8 @@ class Bar:
         if self._bar is None:
             if first:
                 print(first, flush=True)
-            self._bar = self._make(total=total or None, **self._options)
+            # what was done before it appears, as by a start that this one resumes, tells nothing of the speed
+            self._bar = self._make(total=total or None, initial=done, **self._options)
         self._bar.update(done - self._bar.n)
         if figures:
             self._bar.set_postfix(figures)

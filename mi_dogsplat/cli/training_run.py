@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..support.errors import DataError
 from ..support.variants import set_variant
+from ..support.wording import counted, duration, file_size
 from ..training.config import TrainConfig
 from .printing import metrics_line, say
 
@@ -21,6 +22,10 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     with Bar("step") as bar:
 
         def show(row: dict) -> None:
+            if "measured" in row:
+                bar.close()
+                say(f"all steps are done; measuring {counted(row['measured'], 'test view')}, writing the report")
+                return
             figures = {}
             if "l1" in row:
                 figures = {"l1": f"{row['l1']:.4f}", "n": row["n"]}
@@ -30,8 +35,8 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
         metrics = train(config, out, show, resume)
     split = "test views:" if metrics["test"] else "training views (no test view is measured):"
     print(split, metrics_line(metrics["test"] or metrics["train"]))
-    size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]
-    print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {out / REPORT}")
+    size, time = file_size(metrics["bytes"]), duration(metrics["train_seconds"])
+    print(f"{counted(metrics['n'], 'primitive')}, {size}, {time} of training; {out / REPORT}")
 
 
 def _say_what_is_not_read(config: TrainConfig) -> None:

@@ -5,7 +5,8 @@ ffmpeg comes inside of the package av (PyAV), of the extra ``film``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def write_video(out: Path, frames: Iterable[np.ndarray], size: tuple[int, int], 
     from av.video.reformatter import ColorRange, Colorspace
 
     options = {"movflags": "faststart"}
-    with replacing(out.absolute()) as part:
+    with replacing(out.absolute()) as part, _plain_errors():
         part.touch()  # PyAV opens it after some dozen frames: what cannot be written shows before one is rendered
         with av.open(str(part), "w", format="mp4", options=options) as file:
             stream = file.add_stream("libx264", rate=fps, options={"crf": str(crf)})
@@ -53,3 +54,14 @@ def write_video(out: Path, frames: Iterable[np.ndarray], size: tuple[int, int], 
                 )
                 file.mux(stream.encode(limited))
             file.mux(stream.encode(None))
+
+
+@contextmanager
+def _plain_errors() -> Iterator[None]:
+    """What ffmpeg cannot write raises an ``OSError`` that can be told the name of its file, which PyAV's cannot."""
+    from av.error import FFmpegError
+
+    try:
+        yield
+    except FFmpegError as error:
+        raise OSError(error.errno, error.strerror) from error

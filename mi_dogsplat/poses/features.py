@@ -8,7 +8,7 @@ from typing import Any
 
 from ..support.cores import usable_cores
 from ..support.errors import DataError
-from .colmap_database import opened
+from .colmap_database import IMAGE_BYTES, opened, require_room
 from .config import PosesConfig
 from .photographs import Photograph
 
@@ -27,8 +27,10 @@ def extract(
 ) -> None:
     """Fill the database with cameras, images and features; images that have features are left as they are.
 
-    Raises ``DataError`` for an image that pycolmap does not take.
+    Raises ``DataError`` for an image that pycolmap does not take, and for a disk that is full.
     """
+    batch = BATCH * usable_cores()
+    require_room(database, min(batch, len(photographs)) * IMAGE_BYTES)
     cameras = _cameras(pycolmap, database, photographs, config.lens)
     options = pycolmap.FeatureExtractionOptions(num_threads=usable_cores(), use_gpu=config.gpu)
     options.max_image_size = config.feature_size
@@ -42,8 +44,8 @@ def extract(
         reader = pycolmap.ImageReaderOptions(camera_model=config.lens, existing_camera_id=cameras[camera])
         if masked:
             reader.mask_path = str(masks)
-        batch = BATCH * usable_cores()
         for at in range(0, len(names), batch):
+            require_room(database, len(names[at : at + batch]) * IMAGE_BYTES)
             pycolmap.extract_features(
                 str(database), str(folder), names[at : at + batch],
                 reader_options=reader, extraction_options=options, device=device(pycolmap, config.gpu),

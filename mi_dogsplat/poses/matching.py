@@ -15,7 +15,7 @@ import numpy as np
 
 from ..support.cores import usable_cores
 from ..support.files import read_json, replacing, write_json
-from .colmap_database import opened
+from .colmap_database import PAIR_BYTES, opened, require_room
 from .config import PosesConfig
 from .features import device
 from .retrieval import nearest, similarities
@@ -47,7 +47,10 @@ def pairs_of_many(similarity: np.ndarray) -> list[tuple[int, int]]:
 def match(
     pycolmap: Any, database: Path, video: bool, config: PosesConfig, progress: Callable[[int, int], None]
 ) -> None:
-    """Match features and verify them by two-view geometry, from where an earlier call was stopped."""
+    """Match features and verify them by two-view geometry, from where an earlier call was stopped.
+
+    Raises ``DataError`` for a disk that is full.
+    """
     with opened(pycolmap, database) as content:
         images = sorted(content.read_all_images(), key=lambda image: image.name)
         pairs = _pairs(content, images, video, config.seed)
@@ -58,6 +61,7 @@ def match(
     verification.ransac.random_seed = config.seed
     progress(done, len(pairs))
     for at in range(done, len(pairs), batch):
+        require_room(database, len(pairs[at : at + batch]) * PAIR_BYTES)
         _match_pairs(pycolmap, database, names, pairs[at : at + batch], options, verification, config.gpu)
         write_json(counter, min(at + batch, len(pairs)))
         progress(min(at + batch, len(pairs)), len(pairs))

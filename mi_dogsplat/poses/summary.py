@@ -51,14 +51,19 @@ class Summary:
 
 
 def camera_line(camera: Any) -> str:
-    """``SIMPLE_RADIAL 4032x3024, focal length 3021 px (67° wide), lens -0.012`` of a camera of pycolmap's."""
+    """``SIMPLE_RADIAL 4032x3024, focal length 3021 px (67° wide, 53° high), lens -0.012`` of one of pycolmap's."""
     focal, lens = camera.mean_focal_length(), [f"{camera.params[i]:.3g}" for i in camera.extra_params_idxs()]
     size = f"{camera.model_name} {camera.width}x{camera.height}"
-    line = f"{size}, focal length {focal:.0f} px ({field_of_view(camera):.0f}° wide)"
+    wide, high = (_field_of_view(camera, side) for side in (camera.width, camera.height))
+    line = f"{size}, focal length {focal:.0f} px ({wide:.0f}° wide, {high:.0f}° high)"
     return line + (f", lens {' '.join(lens)}" if lens else "")
 
 
 def field_of_view(camera: Any) -> float:
     """Along the longer side, in degrees, by the focal length alone."""
-    half = max(camera.width, camera.height) / 2 / camera.mean_focal_length()
+    return _field_of_view(camera, max(camera.width, camera.height))
+
+
+def _field_of_view(camera: Any, side: int) -> float:
+    half = side / 2 / camera.mean_focal_length()
     return math.degrees(2 * (half if "FISHEYE" in camera.model_name else math.atan(half)))

@@ -28,8 +28,9 @@ from .finish import finish
 from .history import run_to_end
 from .inputs import check_inputs, note_inputs
 from .resume import forget_results, restore_from, resume_run
-from .stopping import Stopped, StopRequest
+from .stopping import Stopped, StopRequest, stopped_with
 
+MEASURING = "stopped after the last step, before all was measured; the same command with --resume measures it"
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)  # somebody else's folder, or one that is read-only
 
 
@@ -82,7 +83,8 @@ def train(
     """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
 
     Args:
-        progress: called as training starts and with every row of the history.
+        progress: called as training starts, with every row of the history, and when there are none any more, with the
+            number of test views that are ``measured`` then.
         resume: go on from the run's last checkpoint, or from the beginning if it did not come that far, with the same
             settings.
         recipe: takes the place of the preset's.
@@ -91,8 +93,8 @@ def train(
 
     The model leaves out primitives that can never be seen. An earlier run in the same folder is replaced: its
     measurements go first, as they would be a lie beside the new settings; its model stays until the new one is
-    complete. Raises ``DataError``; ``Stopped`` when asked to stop in training (Ctrl-C, SIGTERM), which leaves a
-    checkpoint.
+    complete. Raises ``DataError``; ``Stopped`` when asked to stop in training or after it (Ctrl-C, SIGTERM), which
+    leaves a checkpoint.
     """
     out = Path(out)
     check_world(config.up, config.scale, config.unit)
@@ -112,7 +114,9 @@ def train(
             write_json(out / RECIPE, dict(method))
         progress({"step": trainer.step_count, "n": trainer.optimizer.n})
         _train(trainer, out, progress)
-        return finish(trainer, trainer.dataset, out)
+        progress({"step": trainer.step_count, "n": trainer.optimizer.n, "measured": len(trainer.dataset.test)})
+        with stopped_with(MEASURING):
+            return finish(trainer, trainer.dataset, out)
 
 
 def train_until(config: TrainConfig, out: Path, step: int, resume: bool = False) -> Path:

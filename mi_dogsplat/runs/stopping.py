@@ -13,6 +13,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from types import FrameType
 from typing import Any
 
+from ..support.errors import interruptible
+
 
 class Stopped(KeyboardInterrupt):
     """A run stopped on request, with everything saved. ``str(e)`` is one line that says how it goes on.
@@ -59,6 +61,23 @@ def stop_when_input_ends() -> None:
         signal.raise_signal(signal.SIGTERM)
 
     threading.Thread(target=follow, daemon=True).start()
+
+
+@contextmanager
+def stopped_with(line: str) -> Iterator[None]:
+    """Ctrl-C or SIGTERM ends the work within at once: it raises ``Stopped`` with this line."""
+    asked = signal.SIGINT
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = signal.Signals(number)
+        raise KeyboardInterrupt
+
+    try:
+        with signals_to(interrupt, signal.SIGTERM), interruptible():
+            yield
+    except KeyboardInterrupt as stop:
+        raise Stopped(line, stop.signal_number if isinstance(stop, Stopped) else asked) from None
 
 
 @contextmanager

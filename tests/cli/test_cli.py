@@ -22,6 +22,7 @@ from mi_dogsplat.cli.parser import build_parser
 from mi_dogsplat.cli.printing import metrics_line
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.support.pictures import write_png
+from mi_dogsplat.support.wording import file_size
 from PIL import Image
 
 COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "info", "check", "export", "view")
@@ -44,7 +45,8 @@ def test_train_then_info_render_and_eval_on_what_it_made(capsys, data, tmp_path)
     status, printed, bar = run(capsys, "train", data, "-o", out, *SMALL)
     assert status == 0 and "PSNR" in printed and "report.html" in printed and "12/12" in bar
     n = read_ply(out / "point_cloud.ply").n_splats
-    assert f"{n} primitives" in printed
+    size = file_size((out / "point_cloud.ply").stat().st_size)
+    assert f"\n{n} primitives, {size}, " in printed and "kB" in size
     status, printed, _ = run(capsys, "info", out)
     assert status == 0 and "12 of 12" in printed and "problems: none" in printed
 

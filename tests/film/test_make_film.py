@@ -1,5 +1,6 @@
 """``dogsplat film``: what the files hold, that nothing is half-written, and what is said of bad input."""
 
+import errno
 import itertools
 import json
 import os
@@ -203,6 +204,18 @@ def test_photographs_of_one_side_are_followed(model, tmp_path, monkeypatch):
 
 
 # --- stopping ---
+
+
+def test_a_disk_that_is_full_in_the_middle_of_a_video_is_one_line(model, tmp_path, capsys, monkeypatch):
+    import av
+
+    def full(*_):
+        raise av.error.OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as its encoder does
+
+    monkeypatch.setattr("mi_dogsplat.film.make.exposed", full)
+    command = ["film", model, "-o", tmp_path / "film.mp4", "--seconds", "0.1", "--size", "64", "64"]
+    assert_one_line(run(capsys, *command), f"{tmp_path / 'film.mp4'}: cannot be written (No space left on device)")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_film_that_is_stopped_leaves_no_video(model, tmp_path):

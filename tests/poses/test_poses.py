@@ -16,7 +16,7 @@ from mi_dogsplat.poses import run as module
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.output import undistort, write_model
 from mi_dogsplat.poses.run import find_poses, is_done
-from mi_dogsplat.poses.summary import Summary
+from mi_dogsplat.poses.summary import Summary, camera_line
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
@@ -115,6 +115,11 @@ def test_each_stage_tells_how_far_it_is(posed):
 def test_the_summary_says_it_in_words(posed):
     text = "\n".join(posed[1].lines())
     assert f"{N} of {N} images have a pose" in text and "reprojection error" in text and "SIMPLE_RADIAL 320x240" in text
+
+
+def test_the_fields_of_view_of_a_picture_held_upright_are_those_of_its_sides():
+    camera = pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL", 400, 300, 800)
+    assert "300x800, focal length 400 px (41° wide, 90° high)" in camera_line(camera)
 
 
 # --- interrupted ---

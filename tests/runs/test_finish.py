@@ -1,6 +1,7 @@
 """The end of a run: metrics.json is its last file, by which others tell a run that is complete."""
 
 import json
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from mi_dogsplat.report.run_folder import METRICS, MISFITS, MODEL, REFINED, REPO
 from mi_dogsplat.report.write import report_page
 from mi_dogsplat.runs import finish as finish_module
 from mi_dogsplat.runs.run import train
+from mi_dogsplat.runs.stopping import Stopped
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.train import Trainer
 from refined_poses import VIEWS, config_of
@@ -34,6 +36,17 @@ def test_a_run_that_is_killed_at_its_end_is_not_taken_for_complete_and_resumed(d
     assert json.loads((out / METRICS).read_text()) == metrics
     assert all((out / name).exists() for name in (MISFITS, REPORT, Path(REFINED) / "transforms.json"))
     assert (out / REPORT).read_text() == report_page(read_run(out))  # it was there before the metrics
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_who_stops_a_run_while_it_is_measured_learns_that_its_training_is_saved(data, tmp_path, monkeypatch, number):
+    with monkeypatch.context() as patch, pytest.raises(Stopped, match="--resume") as stopped:
+        patch.setattr(finish_module, "write_misfits", lambda *_: signal.raise_signal(number))
+        train(config_of(data, steps=2), tmp_path)
+    assert stopped.value.signal_number == number and not (tmp_path / METRICS).exists()
+    rows: list[dict] = []
+    train(config_of(data, steps=2), tmp_path, rows.append, resume=True)
+    assert [row["step"] for row in rows] == [2, 2] and "measured" in rows[-1]
 
 
 def test_a_run_of_which_nothing_can_be_seen_writes_no_empty_model(data, tmp_path, monkeypatch):
