@@ -75,8 +75,6 @@ def export_model(
     require_spz_version(out, chosen, config.spz_version)
     read = read_source(model, out, "export")
     drawing = world.over(options.drawing.over(read.drawing), data)
-    if not out.parent.is_dir():  # said before what takes long
-        raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
     stages, drawn = stages_of(read.splats, config), drawn_as(drawing)
     left_out = [*(f"{model.name}: {line}" for line in read.left_out), *taken_out(stages, chosen)]
     plain, seconds = list(stages.values())[-1], None

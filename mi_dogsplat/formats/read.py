@@ -6,6 +6,7 @@ import codecs
 import stat
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def read_model(path: str | Path) -> Model:
 
 
 def read_source(path: Path, out: Path, verb: str) -> Model:
-    """Read the model that ``out`` is to be made of: it is another file, and has primitives.
+    """Read the model that ``out`` is to be made of: it is another file, has primitives, and ``out`` can be written.
 
     Args:
         verb: what is to be done with it, for the remedy.
@@ -53,7 +54,20 @@ def read_source(path: Path, out: Path, verb: str) -> Model:
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     if model.splats.n_splats == 0:
         raise DataError(path, "the model is empty", f"{verb} one that has primitives")
+    _require_writable(out)
     return model
+
+
+def _require_writable(out: Path) -> None:
+    """Raise ``DataError`` where a file cannot be made: said before what takes long."""
+    if not out.parent.is_dir():
+        raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
+    try:
+        with TemporaryFile(dir=out.parent):
+            pass
+    except OSError as error:
+        problem = f"cannot be written ({error.strerror or error})"
+        raise DataError(out, problem, "check that the folder exists, is writable and has space") from error
 
 
 def is_model_name(path: Path) -> bool:

@@ -207,10 +207,10 @@ def test_photographs_of_one_side_are_followed(model, tmp_path, monkeypatch):
 
 
 def test_a_disk_that_is_full_in_the_middle_of_a_video_is_one_line(model, tmp_path, capsys, monkeypatch):
-    import av
+    from av import error
 
     def full(*_):
-        raise av.error.OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as its encoder does
+        raise error.OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as its encoder does
 
     monkeypatch.setattr("mi_dogsplat.film.make.exposed", full)
     command = ["film", model, "-o", tmp_path / "film.mp4", "--seconds", "0.1", "--size", "64", "64"]

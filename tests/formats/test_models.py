@@ -1,5 +1,6 @@
 """Reading and writing a model of any format: the axes, what travels with it, what a file is, and bad files."""
 
+import errno
 import gzip
 import io
 import json
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import Drawing, Model, Splats, read_model, write_model, write_ply
 from mi_dogsplat.formats.packing import unit_quats
+from mi_dogsplat.formats.read import read_source
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.scene.drawing import comments_of, drawing_of
 from mi_dogsplat.scene.orientation import AXES
@@ -217,6 +219,20 @@ def test_what_is_no_model_is_refused_in_one_line_that_says_what_to_do(tmp_path):
             write_model(tmp_path / name, foreign_model.model())
     with pytest.raises(DataError, match="cannot be written"):
         write_model(tmp_path / "no folder" / "a.spz", foreign_model.model())
+
+
+def test_where_nothing_can_be_written_is_said_before_anything_is_made_of_a_model(tmp_path, monkeypatch):
+    def read_only(**_):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    model = written(tmp_path / "model.ply", foreign_model.model())
+    read_source(model, tmp_path / "small.ply", "simplify")
+    with pytest.raises(DataError, match=r"small.ply: cannot be written \(there is no such folder\)"):
+        read_source(model, tmp_path / "no folder" / "small.ply", "simplify")
+    monkeypatch.setattr("mi_dogsplat.formats.read.TemporaryFile", read_only)
+    with pytest.raises(DataError, match=r"small.ply: cannot be written \(Read-only file system\)"):
+        read_source(model, tmp_path / "small.ply", "simplify")
+    assert list(tmp_path.iterdir()) == [model]
 
 
 def test_a_small_file_cannot_claim_much_memory(tmp_path):
