@@ -2,8 +2,8 @@
 
 ``python -m benchmarks widths``; pin it (``taskset -c 0``) to the cores that are to count. Every contestant is a process
 of its own, compiled for its target (``targets.py``); they take turns pass by pass. A contestant is TARGET or
-TARGET:BLOCKS, where BLOCKS are the fields of ``engine.geometry.Blocks`` separated by commas, instead of the target's
-own. "4,4,4,4,4" are tiles of 16 lanes: where packets are narrower their rows need atomics.
+TARGET:BLOCKS, where BLOCKS are the first five fields of ``engine.geometry.Blocks`` separated by commas, instead of the
+target's own. "4,4,4,4,4" are tiles of 16 lanes: where packets are narrower their rows need atomics.
 
 Two figures each, medians of the ratio to the first contestant: of the time of the clock, and of processor time, which
 other programs on the machine disturb less. All processes are started anew a few times, because a few in a hundred run
@@ -148,7 +148,8 @@ def serve(model: str, blocks: str) -> None:
     """Run a pass for every line of standard input, and answer with its seconds: of the clock, of the processor."""
     mi.set_variant("llvm_ad_rgb")
     if blocks:
-        chosen = Blocks(*map(int, blocks.split(",")))
+        width, height, lanes_x, lanes_y, unroll = map(int, blocks.split(","))
+        chosen = Blocks(width, height, lanes_x, lanes_y, unroll)
         Blocks.of_backend = staticmethod(lambda: chosen)
     splats, camera = MODELS[model]()
     plain = replace(splats, sh_coeffs=np.ascontiguousarray(splats.sh_coeffs[:, :1]))
