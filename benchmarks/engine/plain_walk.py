@@ -13,7 +13,7 @@ from mi_dogsplat.engine.arrays import array_types, while_loop
 from mi_dogsplat.engine.frozen import frozen
 from mi_dogsplat.engine.geometry import Grid, Lanes
 from mi_dogsplat.engine.tiles import WORD, TileLists
-from mi_dogsplat.engine.walks.block_sums import of_kernel
+from mi_dogsplat.engine.walks.block_sums import kernel_adjoints
 from mi_dogsplat.engine.walks.derivatives import LN2
 from mi_dogsplat.engine.walks.exp2 import exp2
 from mi_dogsplat.engine.walks.kernel_values import DEAD_PATCH
@@ -194,7 +194,7 @@ def composite_backward(
                 δα = dr.select(go & (alpha != 0), δα, 0)
                 δp.append(dr.select(value < ALPHA_MAX, δα * value, 0))
                 T[k] = behind
-            rows.add(slot, of_kernel(δp, ux, uy, vy, dx, dy, grid.blocks) + δf, active)
+            rows.add(slot, kernel_adjoints(δp, ux, uy, vy, dx, dy, grid.blocks) + δf, active)
         return at, T, rest
 
     start = lane.start(), lane.start_T, rest

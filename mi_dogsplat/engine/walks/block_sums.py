@@ -40,7 +40,7 @@ def block_sums(values: list, blocks: Blocks) -> BlockSums:
     return BlockSums(one, mk, mr, mkk, mkr, mrr)
 
 
-def of_kernel(δp: list, ux: Any, uy: Any, vy: Any, dx: Any, dy: Any, blocks: Blocks) -> list:
+def kernel_adjoints(δp: list, ux: Any, uy: Any, vy: Any, dx: Any, dy: Any, blocks: Blocks) -> list:
     """δ of x, y, ux, uy, vy and lo of a kernel from δp at every pixel."""
     m0, mk, mr, mkk, mkr, mrr = block_sums(δp, blocks)
     # u and v at the corner, where they are small numbers next to a needle; then sums of δp u, δp v, δp u dx, ...
@@ -52,13 +52,13 @@ def of_kernel(δp: list, ux: Any, uy: Any, vy: Any, dx: Any, dy: Any, blocks: Bl
     return [2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0]
 
 
-def of_plane(δexponents: list, hx: Any, hy: Any, dx: Any, dy: Any, blocks: Blocks) -> list:
+def plane_adjoints(δexponents: list, hx: Any, hy: Any, dx: Any, dy: Any, blocks: Blocks) -> list:
     """δ of x, y, hx and hy from δ of hx dx + hy dy at every pixel."""
     m0, mk, mr, *_ = block_sums(δexponents, blocks)
     return [-hx * m0, -hy * m0, dr.fma(dx, m0, mk), dr.fma(dy, m0, mr)]
 
 
-def of_curvatures(δbrightness: list, q: list, dx: Any, dy: Any, blocks: Blocks) -> list:
+def curvature_adjoints(δbrightness: list, q: list, dx: Any, dy: Any, blocks: Blocks) -> list:
     """δ of x, y, qxx, qxy and qyy from δ of qxx dx² + qxy dx dy + qyy dy² at every pixel."""
     m0, mk, mr, mkk, mkr, mrr = block_sums(δbrightness, blocks)
     mx, my = dr.fma(dx, m0, mk), dr.fma(dy, m0, mr)  # sums of δ dx, δ dy; then of δ dx², δ dx dy, δ dy²

@@ -21,7 +21,7 @@ from ..cuts import by_plane
 from ..frozen import frozen
 from ..slopes import CHANNELS
 from ..tables import parts_of, varying_columns
-from .block_sums import of_curvatures, of_kernel, of_plane
+from .block_sums import curvature_adjoints, kernel_adjoints, plane_adjoints
 from .kept import Kept
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
@@ -82,7 +82,7 @@ def _composite_backward(
 
         def add(slot, dog_row, dx, dy, δp):
             kernel = walk.pseudo_row(dog_row)
-            δ = Projected(*of_kernel(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
+            δ = Projected(*kernel_adjoints(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
             rows.add(slot, [*δ[-N_PSEUDO:]], True)
             return δ.x, δ.y
 
@@ -94,7 +94,7 @@ def _composite_backward(
         δcuts = []
         for kept, (hx, hy) in zip(planes, by_plane(meeting.row.cuts), strict=True):
             δexponents = [δ * fall for δ, fall in zip(both, kept.falls, strict=True)]
-            δx, δy, *δh = of_plane(δexponents, hx, hy, meeting.dx, meeting.dy, blocks)
+            δx, δy, *δh = plane_adjoints(δexponents, hx, hy, meeting.dx, meeting.dy, blocks)
             δrow, δcuts = δrow._replace(x=δrow.x + δx, y=δrow.y + δy), δcuts + δh
         return δrow, δcuts
 
@@ -127,7 +127,7 @@ def _composite_backward(
                 δp_pseudo.append(dr.select(alphas.pseudo[k] < ALPHA_MAX, -δα * alphas.pseudo[k], 0))
             T[k] = behind
         kernel = meeting.row.kernel
-        δrow = Projected(*of_kernel(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
+        δrow = Projected(*kernel_adjoints(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
         if pseudo_rows is not None:
             δx, δy = pseudo_part(pseudo_rows, alphas, slot, dx, dy, δp_pseudo)
             δrow = δrow._replace(x=δrow.x + δx, y=δrow.y + δy)
@@ -137,7 +137,7 @@ def _composite_backward(
             δrow = δrow._replace(x=dr.fma(-gx, δ, δrow.x), y=dr.fma(-gy, δ, δrow.y))  # dx, dy are from there
         δq = []
         if meeting.row.curvatures:
-            δx, δy, *δq = of_curvatures(δbrightness, meeting.row.curvatures, dx, dy, blocks)
+            δx, δy, *δq = curvature_adjoints(δbrightness, meeting.row.curvatures, dx, dy, blocks)
             δrow = δrow._replace(x=δrow.x + δx, y=δrow.y + δy)
         δrow, δcuts = cut_part(meeting, alphas.kept, δp, δp_pseudo, δrow)
         rows.add(slot, [*δrow, *δf, *δgx, *δgy, *δq, *δcuts], meeting.active)
