@@ -28,7 +28,7 @@ from ..render.framing import automatic_camera, robust_sphere
 from ..scene.drawing import drawn_as
 from ..scene.orientation import UP, rotation_between
 from ..scene.transform import transformed
-from ..support.errors import DataError
+from ..support.errors import DataError, writing
 from ..support.files import replacing
 from ..support.versions import versions
 from ..support.wording import in_words
@@ -120,12 +120,8 @@ def write_page(out: Path, model: Model, opening: Opening) -> list[str]:
     }
     template = Template((files("mi_dogsplat.export") / "web_page.html").read_text(encoding="utf-8"))
     page = template.substitute(parts)
-    try:
-        with replacing(out) as part:
-            part.write_text(page, encoding="utf-8")
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(out, problem, "check that the folder exists, is writable and has space") from error
+    with writing(out), replacing(out) as part:
+        part.write_text(page, encoding="utf-8")
     return lost
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..render.picture import picture_of
 from ..render.picture_options import PictureOptions
 from ..runs.stopping import Stopped, StopRequest
-from ..support.errors import DataError
+from ..support.errors import DataError, writing
 from ..support.settings import refuse
 from .camera_path import DEFAULT_SECONDS, DEFAULT_SIZE, CameraPath
 from .data_path import cameras_path
@@ -89,7 +89,7 @@ def make_film(
         cameras = [path.at(float(share)).camera(*size) for share in moments[number]]
         return exposed(picture, cameras, subject.background, alpha)
 
-    try:
+    with writing(out):
         if pictures is None:
             require_even(out, size)
             _video(out, frame, n, size, config, lambda done: progress(done, n, what))
@@ -97,9 +97,6 @@ def make_film(
             cameras = path.sha256(moments)
             with pictures.claimed(_settings(subject, config, n, size) | {"cameras_sha256": cameras}):
                 _pictures(pictures, frame, n, lambda done: progress(done, n, what))
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(out, problem, "check that the folder exists, is writable and has space") from error
     return Film(n, size, path.what)
 
 

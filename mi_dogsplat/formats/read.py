@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 import numpy as np
 
 from ..scene.radiance import brightened
-from ..support.errors import DataError
+from ..support.errors import DataError, writing
 from ..support.files import parse_json
 from . import gltf_container, sog_read, spz_container
 from .model import Model, require_finite
@@ -62,12 +62,8 @@ def _require_writable(out: Path) -> None:
     """Raise ``DataError`` where a file cannot be made: said before what takes long."""
     if not out.parent.is_dir():
         raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
-    try:
-        with TemporaryFile(dir=out.parent):
-            pass
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(out, problem, "check that the folder exists, is writable and has space") from error
+    with writing(out), TemporaryFile(dir=out.parent):
+        pass
 
 
 def is_model_name(path: Path) -> bool:

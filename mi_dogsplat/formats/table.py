@@ -10,7 +10,7 @@ from pathlib import Path
 from ..scene.drawing import NAMES, comments_of, drawing_of
 from ..scene.ply import read_ply_and_comments, write_ply
 from ..scene.splats import Array, Splats
-from ..support.errors import DataError
+from ..support.errors import DataError, writing
 from ..support.files import replacing
 from . import compressed_ply, gltf, sog, splat, spz
 from .model import Model
@@ -57,13 +57,10 @@ def _written(encode: Callable[[Model], bytes]) -> Callable[[Path, Model], None]:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Make ``content`` that of ``path``, or leave everything as it was. Raises ``DataError``."""
-    try:
+    with writing(path):
         path.parent.stat()  # a folder that is missing is a typing error: none is made
         with replacing(path) as part:
             part.write_bytes(content)
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(path, problem, "check that the folder exists, is writable and has space") from error
 
 
 LIGHT = frozenset({"antialiased", "linear", "white"})

@@ -11,7 +11,7 @@ import numpy as np
 from ..engine.aovs import read_names
 from ..formats.read import read_model
 from ..scene.appearance import read_appearance
-from ..support.errors import DataError, interruptible
+from ..support.errors import DataError, interruptible, writing
 from ..support.files import replacing
 from ..support.pictures import write_channels, write_exr, write_png
 from ..support.scene_errors import scene_error
@@ -62,12 +62,13 @@ def render_model(
     picture = picture_of(read.splats, background, view.near_clip, **how, aovs=names)(view.camera)
     if numbers is not None:
         picture = as_taken(picture, view.camera, numbers)
-    if suffix == ".npz":
-        _write(out, lambda: _write_arrays(out, picture))
-    elif suffix == ".exr":
-        _write(out, lambda: write_exr(out, {"color": premultiplied(picture, 0.0), **picture.aovs}))
-    else:
-        _write(out, lambda: write_png(out, picture.color))
+    with writing(out):
+        if suffix == ".npz":
+            _write_arrays(out, picture)
+        elif suffix == ".exr":
+            write_exr(out, {"color": premultiplied(picture, 0.0), **picture.aovs})
+        else:
+            write_png(out, picture.color)
 
 
 def render_scene(
@@ -114,14 +115,16 @@ def render_scene(
     if out.suffix.lower() == ".exr":
         planes = np.array(bitmap).reshape(bitmap.height(), bitmap.width(), -1)  # [H, W, channels]
         named = {field.name: planes[..., k] for k, field in enumerate(bitmap.struct_())}
-        _write(out, lambda: write_channels(out, named))
+        with writing(out):
+            write_channels(out, named)
         return
     if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs came along
         bitmap = dict(bitmap.split())["<root>"]
     linear = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False))  # [H, W, 3]
     if np.isnan(linear).any():
         raise DataError(path, "its render holds NaN", "correct the scene, or write .exr to see where they are")
-    _write(out, lambda: write_png(out, linear_to_srgb(linear)))
+    with writing(out):
+        write_png(out, linear_to_srgb(linear))
 
 
 def require_suffix(out: Path) -> None:
@@ -150,12 +153,3 @@ def _aovs(out: Path, aovs: str | None) -> list[str]:
 def _write_arrays(out: Path, picture: Picture) -> None:
     with replacing(out) as part, part.open("wb") as file:
         np.savez(file, color=picture.color, alpha=picture.alpha, depth=np.asarray(picture.depth))
-
-
-def _write(out: Path, write: Callable[[], None]) -> None:
-    """Run ``write``; raises ``DataError`` if the file cannot be written."""
-    try:
-        write()
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(out, problem, "check that the folder exists, is writable and has space") from error

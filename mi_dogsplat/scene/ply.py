@@ -27,7 +27,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..support.errors import DataError
+from ..support.errors import DataError, writing
 from ..support.files import replacing
 from .ply_tables import NOT_3DGS, TableReader, check_finite
 from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SLOPES, Array, in_several
@@ -274,10 +274,7 @@ def _rest_names(n_rest: int) -> tuple[str, ...]:
 
 def _replace(path: Path, *parts: bytes):
     """Make ``parts`` the content of ``path``, or leave everything as it was."""
-    try:
+    with writing(path):
         path.parent.stat()  # a folder that is missing is a typing error: none is made
         with replacing(path) as part, part.open("xb") as file:
             file.writelines(parts)
-    except OSError as e:
-        remedy = "check that the folder exists, is writable and has space"
-        raise DataError(path, f"cannot be written ({e.strerror})", remedy) from e

@@ -35,6 +35,16 @@ def interruptible() -> Iterator[None]:
         raise
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """An ``OSError`` within is a ``DataError`` which says that ``path`` cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        problem = f"cannot be written ({error.strerror or error})"
+        raise DataError(path, problem, "check that the folder exists, is writable and has space") from error
+
+
 def gist(error: BaseException) -> str:
     """What went wrong first, in Mitsuba's words but without the Python traceback that it quotes."""
     while error.__cause__ or error.__context__:  # Dr.Jit wraps errors of a render in "see above"

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 
@@ -14,30 +14,19 @@ from ..curvatures import curved_slope
 from ..geometry import Blocks
 
 
-class BlockSums(NamedTuple):
-    """Of values times powers of k and r."""
-
-    one: Any
-    k: Any
-    r: Any
-    kk: Any
-    kr: Any
-    rr: Any
-
-
-def block_sums(values: list, blocks: Blocks) -> BlockSums:
-    """``values``: one per pixel, row by row. Sums that nobody uses are never evaluated."""
+def block_sums(values: list, blocks: Blocks) -> tuple:
+    """Of ``values``, one per pixel, row by row, times 1, k, r, k², k r and r². What nobody uses is never evaluated."""
     Float = array_types().Float
-    one = mk = mr = mkk = mkr = mrr = Float(0)
+    m0 = mk = mr = mkk = mkr = mrr = Float(0)
     for r in range(blocks.height):
         row = values[r * blocks.width : (r + 1) * blocks.width]
         s0, sk, skk = row[0], Float(0), Float(0)
         for k, value in enumerate(row[1:], 1):
             s0, sk, skk = s0 + value, dr.fma(k, value, sk), dr.fma(k * k, value, skk)
-        one, mk, mkk = one + s0, mk + sk, mkk + skk
+        m0, mk, mkk = m0 + s0, mk + sk, mkk + skk
         if r:
             mr, mkr, mrr = dr.fma(r, s0, mr), dr.fma(r, sk, mkr), dr.fma(r * r, s0, mrr)
-    return BlockSums(one, mk, mr, mkk, mkr, mrr)
+    return m0, mk, mr, mkk, mkr, mrr
 
 
 def kernel_adjoints(δp: list, ux: Any, uy: Any, vy: Any, dx: Any, dy: Any, blocks: Blocks) -> list:
