@@ -21,7 +21,8 @@ from ..scene.row_groups import CURVATURES, PLANES, SLOPES
 from .forward import MAX_ALPHA, MAX_T, MIN_T
 from .mixed_sh import padded_sh
 from .own_axes import index_of, kept, largest_kept, quadratic_forms, values_of
-from .projection import MIN_ALPHA, rotations, sh_basis, sigmoid
+from .projection import MIN_ALPHA, sh_basis, sigmoid
+from .quaternions import rotations
 
 if TYPE_CHECKING:
     from ..scene.splats import Splats

@@ -1,0 +1,37 @@
+"""Places that depend on the view: what all that draw primitives, or turn them, agree on (docs/shifts.md).
+
+Seen along the unit vector v, from the camera to where it is stored, a primitive with the axes R and the scales S stands
+at μ + R S A (Rᵀ v - v̄), with its ``view_shifts`` A and its ``mean_views`` v̄. So v̄ is the view for which it stands at μ.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .quaternions import rotation_from_quaternion
+from .row_groups import Array
+
+
+def mean_views(means: Array, quats: Array, positions: Array) -> Array:
+    """v̄ [N, 3], along the axes of primitives, of the views from ``positions`` [C, 3]: the mean of Rᵀ v over them.
+
+    A camera at the very place of a primitive has no view of it, and counts as zero.
+    """
+    total = np.zeros((len(means), 3))
+    for position in np.asarray(positions, np.float64):
+        view = np.asarray(means, np.float64) - position
+        length = np.linalg.norm(view, axis=1, keepdims=True)
+        total += view / np.where(length > 0, length, 1)
+    return np.einsum("nxa,nx->na", rotation_from_quaternion(quats), total / max(len(positions), 1))
+
+
+def turned(shifts: Array, views: Array, moves: Array, directions: Array) -> tuple[Array, Array]:
+    """(A' [V, 3, 3], v̄' [V, 3]) of the same primitives along other axes.
+
+    Args:
+        moves: [V, 3, 3] takes a move in standard deviations along the old axes to the new ones.
+        directions: [V, 3, 3] takes a direction along the new axes to the old ones; it has an inverse.
+    """
+    with np.errstate(invalid="ignore"):  # of values that are not finite
+        along = moves @ shifts.astype(np.float64) @ directions
+        return along, np.einsum("vab,vb->va", np.linalg.inv(directions), views.astype(np.float64))
