@@ -91,7 +91,7 @@ def test_a_primitive_is_looked_up_where_each_view_sees_it():
     camera = CAMERAS[1]
     place, size = 0.45 * camera.position, 0.02
     splats = rounded(make_splats(np.concatenate([sphere(600) * 0.6, [place]]), 0.06, 0.98))
-    splats.log_scales[600] = np.log(size)
+    splats.log_scales[600], splats.logit_opacities[600] = np.log(size), -1  # no surface itself
     along_the_view = np.eye(3)[None] * np.linalg.norm(place) / size
     hidden = replace(splats, shift_index=[600], view_shifts=along_the_view, mean_views=np.zeros((1, 3)))
     assert evidence(splats, [camera], 0.2, False).free[600] == 1
