@@ -102,7 +102,8 @@ def simplify_model(
         cut = counted(splats.is_cut.sum(), "primitive")
         left_out.append(f"the cuts of {cut} are left out: what is merged is whole")
     if splats.n_shifts:
-        left_out.append(f"the shifts of {counted(splats.n_shifts, 'primitive')} are left out: what is merged stands still")
+        shifted = counted(splats.n_shifts, "primitive")
+        left_out.append(f"the shifts of {shifted} are left out: what is merged stands still")
     if splats.is_varied.any():
         varied = counted(splats.is_varied.sum(), "primitive")
         left_out.append(f"the {varying(splats)} of {varied} are left out: what is merged has a mean colour")
