@@ -58,6 +58,8 @@ BESIDE_COLORS = (DOG, *OWN_AXES, SHIFTS)
 GROUPS = (*BESIDE_COLORS, *SH.values())
 ALONG_AXES = {name: group for group in (SLOPES, *PLANES) for name in group.names}
 """Arrays whose rows are per standard deviation along the axes of their primitive; the axis comes first."""
+REVERSED = (*ALONG_AXES, "mean_views")
+"""Arrays that change their sign where the axes of their primitive are turned round."""
 
 
 def checked_index(name: str, index: ArrayLike, n_splats: int) -> Array:
