@@ -17,17 +17,33 @@ if TYPE_CHECKING:
     from .splats import Splats
 
 
+def seen_from(splats: Splats, position: Array) -> Array:
+    """[N, 3] float64, where primitives stand as seen from a point."""
+    i, places = splats.shift_index, splats.means.astype(np.float64)
+    axes = rotation_from_quaternion(splats.quats[i].astype(np.float64))
+    own = _own_views(places[i], axes, position) - splats.mean_views
+    moves = splats.scales[i] * np.einsum("vab,vb->va", splats.view_shifts.astype(np.float64), own)
+    places[i] += np.einsum("vxa,va->vx", axes, moves)
+    return places
+
+
 def mean_views(means: Array, quats: Array, positions: Array) -> Array:
     """v̄ [N, 3], along the axes of primitives, of the views from ``positions`` [C, 3]: the mean of Rᵀ v over them.
 
     A camera at the very place of a primitive has no view of it, and counts as zero.
     """
+    axes, places = rotation_from_quaternion(quats), np.asarray(means, np.float64)
     total = np.zeros((len(means), 3))
-    for position in np.asarray(positions, np.float64):
-        view = np.asarray(means, np.float64) - position
-        length = np.linalg.norm(view, axis=1, keepdims=True)
-        total += view / np.where(length > 0, length, 1)
-    return np.einsum("nxa,nx->na", rotation_from_quaternion(quats), total / max(len(positions), 1))
+    for position in positions:
+        total += _own_views(places, axes, position)
+    return total / len(positions)
+
+
+def _own_views(places: Array, axes: Array, position: Array) -> Array:
+    """Rᵀ v [N, 3] as seen from ``position``; zero of what is at that very point."""
+    view = places - position
+    length = np.linalg.norm(view, axis=1, keepdims=True)
+    return np.einsum("nxa,nx->na", axes, view / np.where(length > 0, length, 1))
 
 
 def turned(shifts: Array, views: Array, moves: Array, directions: Array) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from mi_dogsplat.engine.motion import moved
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.export.bake import baked
 from mi_dogsplat.scene.linear_map import view_projection
-from mi_dogsplat.scene.shifts import mean_views
+from mi_dogsplat.scene.shifts import mean_views, seen_from
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.scene.whole import whole
@@ -47,6 +47,9 @@ def test_the_twin_sees_them_at_their_places(splats):
     assert projection.visible.all()
     np.testing.assert_allclose(projection.means2d[splats.shift_index], pixels, rtol=1e-9)
     np.testing.assert_allclose(projection.depths[splats.shift_index], depths, rtol=1e-9)
+    found, expected = seen_from(splats, camera.position), splats.means.astype(np.float64)
+    expected[splats.shift_index] = places
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
 def test_without_them_a_model_is_where_it_is_stored_and_only_its_place_changes(splats):
