@@ -4,6 +4,8 @@ Seen along the unit vector v, from the camera to mu, the primitives `shift_index
 
     mu + R S m,    m = A e,    e = R^T v - mean_views,    A = view_shifts [V, 3, 3]
 
+For rays v is the direction of the ray.
+
 A model that has no such arrays stands where it is.
 """
 
@@ -31,6 +33,18 @@ def seen_from(splats: Splats, camera: Camera) -> np.ndarray:
     return means
 
 
+def seen_along(splats: Splats, directions: np.ndarray) -> np.ndarray:
+    """[P, N, 3] where the centres are on rays of the unit `directions` [P, 3]; [1, N, 3] in a model without shifts."""
+    means, i = np.array(splats.means, np.float64)[None], index_of(splats, SHIFTS)
+    if not len(i):
+        return means
+    A, mean_views = arrays_of(splats, SHIFTS)
+    R, scales = _axes(splats, i)
+    means = np.repeat(means, len(directions), axis=0)
+    means[:, i] += np.einsum("nxa,na,nab,pnb->pnx", R, scales, A, np.einsum("nxa,px->pna", R, directions) - mean_views)
+    return means
+
+
 def shifts_backward(splats: Splats, camera: Camera, rows: np.ndarray,
                     δcentres: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """δmeans [v, 3], δlog_scales [v, 3], δω [v, 3] and δ of the arrays of the group, by name.
@@ -55,6 +69,11 @@ def _parts(splats: Splats, camera: Camera, i: np.ndarray, mean_views: np.ndarray
     """v [v, 3], the distances [v, 1], e [v, 3], R [v, 3, 3] and scales [v, 3] of the primitives i [v]."""
     offsets = np.asarray(splats.means, np.float64)[i] - camera.position
     distances = np.linalg.norm(offsets, axis=1, keepdims=True)
-    v, R = offsets / distances, rotations(np.asarray(splats.quats, np.float64)[i])
-    scales = np.exp(np.asarray(splats.log_scales, np.float64)[i])
+    v, (R, scales) = offsets / distances, _axes(splats, i)
     return v, distances, np.einsum("nxa,nx->na", R, v) - mean_views, R, scales
+
+
+def _axes(splats: Splats, i: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R [v, 3, 3] and scales [v, 3] of the primitives i [v]."""
+    R = rotations(np.asarray(splats.quats, np.float64)[i])
+    return R, np.exp(np.asarray(splats.log_scales, np.float64)[i])

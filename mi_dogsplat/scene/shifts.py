@@ -56,3 +56,18 @@ def turned(shifts: Array, views: Array, moves: Array, directions: Array) -> tupl
     with np.errstate(invalid="ignore"):  # of values that are not finite
         along = moves @ shifts.astype(np.float64) @ directions
         return along, np.einsum("vab,vb->va", np.linalg.inv(directions), views.astype(np.float64))
+
+
+def box_of_places(splats: Splats) -> tuple[Array, Array]:
+    """(low, high) [3] of where centres of primitives with shifts are, whatever the view; at least one has some.
+
+    Where that is not finite, and so the primitive is not drawn, it is where it is stored.
+    """
+    i = splats.shift_index
+    axes, means = rotation_from_quaternion(splats.quats[i].astype(np.float64)), splats.means[i].astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        moves = (axes * splats.scales[i][:, None]) @ splats.view_shifts.astype(np.float64)  # R S A
+        middle = -np.einsum("vxa,va->vx", moves, splats.mean_views)
+        reach = np.linalg.norm(moves, axis=2)  # the most that a unit vector makes of a row
+    low, high = (means + np.where(np.isfinite(away), away, 0) for away in (middle - reach, middle + reach))
+    return low.min(axis=0), high.max(axis=0)

@@ -42,3 +42,10 @@ def moves_seen(splats: Splats, points: np.ndarray) -> np.ndarray:
     own = np.einsum("vka,vpk->vpa", axes, views / np.linalg.norm(views, axis=-1, keepdims=True))
     more = own - splats.mean_views[:, None].astype(np.float64)
     return np.einsum("vab,vpb->vpa", splats.view_shifts.astype(np.float64), more)
+
+
+def standing(splats: Splats, view: Any) -> Splats:
+    """The model without shifts, primitives where they are seen along the unit vector ``view`` [3]."""
+    still = splats.without_shifts()
+    still.means[splats.shift_index] = places_seen(splats, np.reshape(view, (1, 3)))[:, 0]
+    return still
