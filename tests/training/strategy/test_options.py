@@ -1,6 +1,7 @@
 """What bytes are divided among: primitives, bands, DoG rows, slopes, curvatures and cuts go where they gain least."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def options_of(removal, by_degree, without_dog, splats: Splats, slopes=None, cur
         has, loss = np.isin(np.arange(splats.n_splats), getattr(splats, index)), losses[index]
         return Rows(has, np.zeros(splats.n_splats) if loss is None else np.array(loss))
 
-    groups = {name: rows(index) for name, index in zip(GROUPS, losses, strict=True)}
+    groups: dict[str, Any] = {name: rows(index) for name, index in zip(GROUPS, losses, strict=True)}
     return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, bands=bands, **groups)
 
 
