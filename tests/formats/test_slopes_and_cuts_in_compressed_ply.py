@@ -1,4 +1,4 @@
-"""The bytes of slopes, curvatures, cuts and shifts in a compressed PLY: how near they are, how many, how damage is told."""
+"""Slopes, curvatures, cuts and shifts as bytes of a compressed PLY: how near, how many, how damage is told."""
 
 import struct
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from places import points_in
 from row_kinds import RowKind, of_each
-from shifted_models import moves_seen, with_shifts
+from shifted_models import moves_seen
 from sloped_models import with_curvatures, with_slopes
 from splat_scenes import random_splats, rounded
 

@@ -1,4 +1,4 @@
-"""What bytes are divided among: primitives, bands, DoG rows, slopes, curvatures and cuts go where they gain least; shifts stay."""
+"""What bytes are divided among: primitives, bands, DoG rows, slopes, curvatures, cuts go where they gain least."""
 
 from dataclasses import replace
 
@@ -188,7 +188,7 @@ SHIFTED = replace(PRICES, shifts=52.0)
     [
         (1000, [0, 1, 2, 3], [1, 1, 1, 0], [0, 1]),  # all of it
         (480 + 2 * 52, [0, 1, 2, 3], [1, 0, 0, 0], [0]),  # bands and rows that hardly matter go first
-        (480 + 2 * 52 - 1, [0, 1, 3], [1, 1, 0], [0, 1]),  # then the primitive that its shifts have made dear
+        (480 + 2 * 52 - 1, [0, 1, 3], [1, 0, 0], [0]),  # then the primitive that its shifts have made dear
         (385, [0, 1], [1, 0], [0]),
     ],
 )
