@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..cli.printing import metrics_line
 from ..cli.progress import Bar
+from ..cli.training_run import shown_training
 from ..datasets.capture import capture
 from ..datasets.capture_config import CaptureConfig
 from ..report.run_folder import MODEL, REPORT
@@ -48,8 +49,8 @@ def tour(out: Path, steps: int, target: int, views: int, size: int, picture: Pat
         capture(scene, data, orbit, lambda done, n, framing: bar.show(done, n))
     print(f"2/3  training {steps} steps, pruning to {target:,} primitives")
     config = TrainConfig(str(data), steps=steps, max_primitives=4 * target, target=target)
-    with Bar("step") as bar:
-        metrics = train(config, run, lambda row: bar.show(row["step"], steps, n=row["n"]))
+    with shown_training(steps) as show:
+        metrics = train(config, run, show)
     print(metrics_line(metrics["test"]))
     megabytes = f"{metrics['bytes'] / 1e6:.1f} MB"
     print(f"{metrics['n']:,} primitives, {metrics['n_dog']:,} of them DoG, {megabytes}")
