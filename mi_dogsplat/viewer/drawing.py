@@ -14,6 +14,7 @@ from ..engine.rasterize import RasterOptions
 from ..render.picture import photograph as shown
 from ..render.picture import render_picture
 from ..scene.cameras import Camera
+from ..scene.kinds import varying
 from ..scene.splats import Array, Splats
 from ..support.pictures import heat_map
 from .view_state import (
@@ -24,10 +25,10 @@ from .view_state import (
     ONLY_DOG,
     ONLY_GAUSSIANS,
     PHOTOGRAPH,
-    SLOPE_DIFFERENCE,
+    VARYING_DIFFERENCE,
     WITHOUT_CUTS,
     WITHOUT_DOG,
-    WITHOUT_SLOPES,
+    WITHOUT_VARYING,
     Pose,
     Settings,
 )
@@ -37,14 +38,12 @@ PARTS: dict[str, Callable[[Splats], Splats]] = {
     WITHOUT_DOG: Splats.plain,
     ONLY_DOG: Splats.only_dog,
     ONLY_GAUSSIANS: Splats.only_gaussians,
-    WITHOUT_SLOPES: Splats.without_slopes,
     WITHOUT_CUTS: Splats.without_cuts,
-}
+} | dict.fromkeys(WITHOUT_VARYING.values(), Splats.without_slopes)
 DIFFERENCES = {  # of the model to its part
     DOG_DIFFERENCE: WITHOUT_DOG,
-    SLOPE_DIFFERENCE: WITHOUT_SLOPES,
     CUT_DIFFERENCE: WITHOUT_CUTS,
-}
+} | {VARYING_DIFFERENCE[what]: part for what, part in WITHOUT_VARYING.items()}
 
 
 @dataclass(frozen=True)
@@ -81,9 +80,10 @@ class Drawing:
     def choices(self) -> list[str]:
         """What can be shown of this model and its data."""
         dog = [WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE] if self.splats.n_dog else []
-        slopes = [WITHOUT_SLOPES, SLOPE_DIFFERENCE] if self.splats.is_varied.any() else []
+        what = varying(self.splats)
+        varied = [WITHOUT_VARYING[what], VARYING_DIFFERENCE[what]] if what else []
         cuts = [WITHOUT_CUTS, CUT_DIFFERENCE] if self.splats.is_cut.any() else []
-        return [MODEL, *dog, *slopes, *cuts, *([ERROR, PHOTOGRAPH] if self.views else [])]
+        return [MODEL, *dog, *varied, *cuts, *([ERROR, PHOTOGRAPH] if self.views else [])]
 
     def draw(self, pose: Pose, settings: Settings, moving: bool = False) -> Drawn:
         """The picture that is due. What the model does not have is drawn as the model."""
