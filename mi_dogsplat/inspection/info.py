@@ -16,7 +16,7 @@ from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, POSED, read_run
 from ..scene.kinds import COUNTED, kinds, kinds_of
 from ..scene.splats import Splats
 from ..support.errors import DataError
-from ..support.wording import count, duration, file_size, finite, fixed
+from ..support.wording import count, counted, duration, file_size, finite, fixed
 from ..training.config import FREE, TrainConfig
 from .lines import drawn, line, sh_degrees
 
@@ -171,7 +171,7 @@ def describe_run(path: Path) -> list[str]:
     if run.metrics is None:
         problems.append("the run is not complete: it was interrupted, or is still running")
     if run.broken_rows:
-        problems.append(f"{run.broken_rows} lines of {HISTORY} are not JSON")
+        problems.append(f"{HISTORY} has {counted(run.broken_rows, 'line')} of something else than JSON")
     return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
 
 
