@@ -12,6 +12,7 @@ from .plugin import surfaces
 from .plugin.drawn import Drawn
 from .plugin.splat_integrator import SplatIntegrator, dog_shapes
 from .plugin.surfaces import Surfaces
+from .support.wording import counted
 
 
 class DogSplatIntegrator(SplatIntegrator):
@@ -106,7 +107,8 @@ class DogSplatIntegrator(SplatIntegrator):
         others = len(scene.shapes()) - len(dog_shapes(scene))
         if others and self.nested is None and not self._warned:
             log: Any = mi.Log
-            log(mi.LogLevel.Warn, f"dogsplat: {others} other shapes are not seen; nest an integrator, such as path")
+            unseen = counted(others, "other shape")
+            log(mi.LogLevel.Warn, f"dogsplat: {unseen} not seen; nest an integrator, such as path")
             self._warned = True
         return self.nested is not None and others > 0
 

@@ -11,6 +11,7 @@ from ..scene.cameras import Camera
 from ..scene.kinds import kinds_of
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
+from ..support.wording import counted
 
 ASPECT = 4 / 3
 FOCAL = 1.0  # image widths: 53 degrees from left to right
@@ -48,7 +49,7 @@ def model_scene(name: str, splats: Splats, camera: Camera, width: int, **others:
     """A model in a picture of at most ``width`` pixels a side; ``others`` are fields of ``Scene``."""
     scale = min(1.0, width / max(camera.width, camera.height))
     small = camera.resized(max(1, round(scale * camera.width)), max(1, round(scale * camera.height)))
-    what = f"{splats.n_splats:,} primitives, {kinds_of(splats)}, SH degree {splats.sh_degree}"
+    what = f"{counted(splats.n_splats, 'primitive')}, {kinds_of(splats)}, SH degree {splats.sh_degree}"
     return Scene(name, what, splats, small, **others)
 
 

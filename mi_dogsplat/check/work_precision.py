@@ -25,6 +25,7 @@ from ..measure.timing import milliseconds_in_turn
 from ..reference.gradients import gradients_tiled, render_tiled
 from ..scene.kinds import COUNTED
 from ..scene.splats import Splats
+from ..support.wording import counted
 from .rows import NAMES, rows_of
 from .scenes import Scene
 from .settings import Model, Setting, settings
@@ -51,9 +52,9 @@ def measure(scene: Scene, rounds: int, progress: Callable[[str], None] = lambda 
     truth = _Truth(scene)
     points = settings(scene)
     jobs = {point.key: Job(scene, point) for point in points}
-    progress(f"{scene.name}: errors of {len(jobs)} settings")
+    progress(f"{scene.name}: errors of {counted(len(jobs), 'setting')}")
     errors = {key: truth.errors(job) for key, job in jobs.items()}
-    progress(f"{scene.name}: timing them {rounds} times")
+    progress(f"{scene.name}: timing them {counted(rounds, 'time')}")
     forward = milliseconds_in_turn({key: job.forward for key, job in jobs.items()}, rounds)
     total = milliseconds_in_turn({key: job.gradients for key, job in jobs.items()}, rounds)
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from ..runs.stopping import Stopped, stopped_with
-from ..support.errors import DataError, interruptible
+from ..support.errors import DataError
 
 EXTRA_OF = {"pycolmap": "poses", "av": "poses"}  # what a training needs for plain images and videos only
 SIGPIPE = 13  # by POSIX; Windows has no such signal
+STOPPED = "stopped before the end; nothing is half-written"  # of what does not know better
 
 
 def quiet_pipe(run: Callable[[], int]) -> int:
@@ -40,7 +40,7 @@ def one_line_errors(run: Callable[[], int | None], extra: str = "train", program
     ``extra`` of pyproject.toml is where packages come from that are missing; ``program`` begins the line.
     """
     try:
-        with interruptible():
+        with stopped_with(STOPPED):
             return run() or 0
     except DataError as error:
         status, line = 2, str(error)
@@ -51,8 +51,6 @@ def one_line_errors(run: Callable[[], int | None], extra: str = "train", program
         status, line = 2, f"this needs the package {error.name}: pip install 'mi_dogsplat[{extra}]'"
     except Stopped as stop:
         status, line = 128 + stop.signal_number, str(stop)
-    except KeyboardInterrupt:
-        status, line = 128 + signal.SIGINT, "stopped before the end; nothing is half-written"
     except MemoryError as error:
         status, line = 2, f"not enough memory ({error or 'no more to be had'}); ask for fewer pixels or primitives"
     except OSError as error:  # of writing: what is read is looked at where it is read

@@ -52,7 +52,8 @@ def cleaned_lines(cleaned: Cleaned) -> list[str]:
 
 def simplified_lines(simplified: Simplified) -> list[str]:
     """How near the smaller model is to the one that it was made of."""
-    lines = [*simplified.left_out, f"PSNR of the model, over {simplified.n_views} views that nothing was fitted to"]
+    over = f"over {counted(simplified.n_views, 'view')} that nothing was fitted to"
+    lines = [*simplified.left_out, f"PSNR of the model, {over}"]
     stages = {"merged": simplified.merged, "fitted": simplified.fitted}
     return lines + [f"  {stage:24s}{value:6.2f} dB" for stage, value in stages.items() if value is not None]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..support.errors import DataError
@@ -16,9 +18,21 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     set_variant(config.variant)
     from ..report.run_folder import REPORT
     from ..runs.run import train
-    from .progress import Bar
 
     _say_what_is_not_read(config)
+    with shown_training(config.steps) as show:
+        metrics = train(config, out, show, resume)
+    split = "test views:" if metrics["test"] else "training views (no test view is measured):"
+    print(split, metrics_line(metrics["test"] or metrics["train"]))
+    size, time = file_size(metrics["bytes"]), duration(metrics["train_seconds"])
+    print(f"{counted(metrics['n'], 'primitive')}, {size}, {time} of training; {out / REPORT}")
+
+
+@contextmanager
+def shown_training(steps: int) -> Iterator[Callable[[dict], None]]:
+    """What takes the rows of a training as progress: a bar up to its last step, then a line on what follows."""
+    from .progress import Bar
+
     with Bar("step") as bar:
 
         def show(row: dict) -> None:
@@ -30,13 +44,9 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
             if "l1" in row:
                 figures = {"l1": f"{row['l1']:.4f}", "n": row["n"]}
                 figures |= {"psnr": f"{row['test_psnr']:.2f}"} if "test_psnr" in row else {}
-            bar.show(row["step"], config.steps, **figures)
+            bar.show(row["step"], steps, **figures)
 
-        metrics = train(config, out, show, resume)
-    split = "test views:" if metrics["test"] else "training views (no test view is measured):"
-    print(split, metrics_line(metrics["test"] or metrics["train"]))
-    size, time = file_size(metrics["bytes"]), duration(metrics["train_seconds"])
-    print(f"{counted(metrics['n'], 'primitive')}, {size}, {time} of training; {out / REPORT}")
+        yield show
 
 
 def _say_what_is_not_read(config: TrainConfig) -> None:

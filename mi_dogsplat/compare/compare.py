@@ -24,6 +24,7 @@ from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
+from ..support.wording import counted
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
 from .execute import Means, one_after_another
@@ -145,4 +146,4 @@ def _result(task: Task, error: str | None) -> str:
     if task.kind != "train":
         return "done"
     run = numbers(task.seed_folder / task.methods[0])
-    return f"{run['psnr']:.2f} dB, {run['n']:,.0f} primitives, {run['train_seconds']:.0f} s"
+    return f"{run['psnr']:.2f} dB, {counted(run['n'], 'primitive')}, {run['train_seconds']:.0f} s"

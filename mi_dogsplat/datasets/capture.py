@@ -26,6 +26,7 @@ from ..support.pictures import write_exr, write_png, write_radiance
 from ..support.resumable import begin
 from ..support.scene_errors import scene_error
 from ..support.srgb import displayed, luminance
+from ..support.wording import counted
 from .auto_exposure import white_of_lights
 from .camera_paths import Shot, circling_shots
 from .capture_config import CaptureConfig
@@ -98,7 +99,7 @@ def _fill(
 
 def _plan(scene_path: Path, config: CaptureConfig) -> Plan:
     scene, hidden = load_scene(scene_path, config.alpha)
-    framing = f"{len(scene.sensors())} sensors"
+    framing = counted(len(scene.sensors()), "sensor")
     if config.path == "sensors":
         shots = sensor_shots(scene_path, scene, config.downscale)
     elif not config.circling:
@@ -127,7 +128,7 @@ def _tests(config: CaptureConfig, n: int) -> set[int]:
         return set(range(0, n, TEST_EVERY)) if n > 1 else set()
     n_test = n - config.views if config.circling else config.test or 0
     if n_test >= n:
-        raise DataError("--test", f"{n_test} of {n} views leave none for training", "use a smaller number")
+        raise DataError("--test", f"of {counted(n, 'view')} none is left for training", "use a smaller number")
     return {int((k + 0.5) * n / n_test) for k in range(n_test)}
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..support.errors import DataError
+from ..support.wording import count, counted
 from .colmap_records import (
     MODELS,
     REMEDY,
@@ -34,7 +35,8 @@ class Bytes:
         """Step over ``size`` bytes and return where they began."""
         start, self.at = self.at, self.at + size
         if self.at > len(self.data):
-            raise DataError(self.path, f"ends early: {len(self.data)} bytes, at least {self.at} expected", REMEDY)
+            problem = f"ends early: {counted(len(self.data), 'byte')}, at least {count(self.at)} expected"
+            raise DataError(self.path, problem, REMEDY)
         return start
 
     def take(self, layout: str) -> tuple[Any, ...]:
@@ -51,7 +53,8 @@ class Bytes:
 
     def finish(self) -> None:
         if self.at != len(self.data):
-            raise DataError(self.path, f"{len(self.data) - self.at} bytes too many after the last entry", REMEDY)
+            problem = f"{counted(len(self.data) - self.at, 'byte')} too many after the last entry"
+            raise DataError(self.path, problem, REMEDY)
 
 
 def cameras(path: Path) -> dict[int, ColmapCamera]:

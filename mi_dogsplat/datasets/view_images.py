@@ -22,7 +22,7 @@ from ..scene.cameras import Camera
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.memory import available_memory
-from ..support.wording import file_size
+from ..support.wording import counted, file_size
 from .dataset import ByteView, DiskView, View, held
 from .exr import is_exr
 from .images import box_downscale, header, is_file, is_opaque, is_turned, read_image
@@ -119,7 +119,8 @@ def _require_memory(sources: Sequence[ViewSource], downscale: int, as_in_file: b
     needed = kept / downscale**2 + BYTES_READ * workers * max(pixels, default=0)
     free = available_memory()
     if free is not None and needed > free:
-        problem = f"{len(pixels)} images need {file_size(needed)} of memory, and {file_size(free)} are free"
+        images = counted(len(pixels), "image")
+        problem = f"{images} would take {file_size(needed)} of memory, and {file_size(free)} are free"
         factor = math.ceil(downscale * math.sqrt(needed / free))
         raise DataError(sources[0].image_path.parent, problem, f"shrink them: --downscale {factor} or more")
 

@@ -6,11 +6,13 @@ from pathlib import Path
 
 from ..cli.printing import metrics_line
 from ..cli.progress import Bar
+from ..cli.training_run import shown_training
 from ..datasets.capture import capture
 from ..datasets.capture_config import CaptureConfig
 from ..report.run_folder import MODEL, REPORT
 from ..runs.run import train
 from ..support.errors import DataError
+from ..support.wording import counted
 from ..training.config import TrainConfig
 from .side_by_side import write_truth_and_model
 
@@ -43,16 +45,16 @@ def tour(out: Path, steps: int, target: int, views: int, size: int, picture: Pat
     orbit = CaptureConfig(
         views=views, size=(size, size), elevations=(12.0, 65.0), zoom=1.35, spp=121, alpha=True, points=8000
     )
-    print(f"1/3  {scene.name}: path tracing {views} training and {views // 6} test views")
+    print(f"1/3  {scene.name}: path tracing {counted(views, 'training view')} and {counted(views // 6, 'test view')}")
     with Bar("view") as bar:
         capture(scene, data, orbit, lambda done, n, framing: bar.show(done, n))
-    print(f"2/3  training {steps} steps, pruning to {target:,} primitives")
+    print(f"2/3  training {counted(steps, 'step')}, pruning to {counted(target, 'primitive')}")
     config = TrainConfig(str(data), steps=steps, max_primitives=4 * target, target=target)
-    with Bar("step") as bar:
-        metrics = train(config, run, lambda row: bar.show(row["step"], steps, n=row["n"]))
+    with shown_training(steps) as show:
+        metrics = train(config, run, show)
     print(metrics_line(metrics["test"]))
     megabytes = f"{metrics['bytes'] / 1e6:.1f} MB"
-    print(f"{metrics['n']:,} primitives, {metrics['n_dog']:,} of them DoG, {megabytes}")
+    print(f"{counted(metrics['n'], 'primitive')}, {metrics['n_dog']:,} of them DoG, {megabytes}")
     print("3/3  the path-traced truth beside the model")
-    write_truth_and_model(scene, run / MODEL, picture, f"{metrics['n']:,} splats, {megabytes}")
+    write_truth_and_model(scene, run / MODEL, picture, f"{counted(metrics['n'], 'splat')}, {megabytes}")
     print(f"look at {picture}, open {run / REPORT}")

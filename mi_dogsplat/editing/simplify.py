@@ -95,7 +95,8 @@ def simplify_model(
     cameras = cameras_of(splats, config, config.views, config.seed, read.drawing.up)
     start = merged(splats, target, cameras, look)
     if start.n_splats > target:
-        raise DataError(model, f"{start.n_splats} primitives could not be merged any further", "use a larger --target")
+        problem = f"{counted(start.n_splats, 'primitive')} could not be merged any further"
+        raise DataError(model, problem, "use a larger --target")
     found = fitted(start, splats, cameras, look, config, show) if config.steps else start
     left_out = [f"{model.name}: {line}" for line in read.left_out]
     if splats.is_cut.any():

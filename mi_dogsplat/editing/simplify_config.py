@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ..support.settings import Setting, check_settings, refuse
+from ..support.wording import counted
 from ..training.strategy.scheduler import target_count
 from ..training.target import checked_target, target_bytes
 
@@ -35,7 +36,7 @@ class SimplifyConfig:
             refuse("size", f"{self.size[0]} x {self.size[1]} is too small", "use at least 16 x 16")
         self._number()
         if self.dog and self.steps < 2:
-            refuse("dog", f"{self.steps} steps fit none", "use --steps 2 or more")
+            refuse("dog", f"{counted(self.steps, 'step')} can fit none", "use --steps 2 or more")
 
     def count(self, n: int) -> int:
         """How many primitives the target is of ``n``. Raises ``DataError`` for none, or not fewer."""

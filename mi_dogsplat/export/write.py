@@ -23,6 +23,7 @@ from ..report.run_folder import MODEL
 from ..scene.drawing import drawn_as
 from ..scene.transform import transformed
 from ..support.errors import DataError
+from ..support.wording import counted
 from .export_config import SMALL_GRIDS, ExportConfig
 from .losses import Loss, losses, views_of
 from .refine import goal_of, refined, steps_for
@@ -85,7 +86,7 @@ def export_model(
     if steps:
         start = time.perf_counter()
         goal = goal_of(read.splats, dataset, steps, options, drawn, drawing.up)
-        plain = stages[f"refined, {steps} steps"] = refined(plain, goal, steps, show, grids)
+        plain = stages[f"refined, {counted(steps, 'step')}"] = refined(plain, goal, steps, show, grids)
         seconds = time.perf_counter() - start
     elif grids:
         plain = stages["on the grids of a small file"] = on_grids(plain, grids, drawn)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..scene.cameras import Camera
+from ..support.wording import counted
 from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
 from .film_config import FilmConfig
 from .splines import rotation_curve, vector_curve
@@ -41,7 +42,7 @@ def cameras_path(cameras: Sequence[Camera], config: FilmConfig) -> CameraPath:
         return Lens(c2w, float(np.exp(zooms(share)[0])) if config.fov is None else focal_of_fov(config.fov))
 
     first = ordered[0]
-    return CameraPath(at, False, f"along {len(cameras)} cameras", size=(first.width, first.height))
+    return CameraPath(at, False, f"along {counted(len(cameras), 'camera')}", size=(first.width, first.height))
 
 
 def steps_between(cameras: Sequence[Camera]) -> np.ndarray:

@@ -30,6 +30,7 @@ from ..scene.camera_file import camera_from_json
 from ..scene.cameras import inverse_rigid
 from ..support.errors import DataError
 from ..support.files import read_json
+from ..support.wording import counted
 from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
 from .splines import rotation_curve, vector_curve
 
@@ -80,7 +81,7 @@ def key_frames_path(path: Path, up: np.ndarray, fov: float | None) -> CameraPath
     period = times[-1] - times[0] + mean_step if loop and len(keys) > 1 else None
     duration = (period or times[-1] - times[0]) if keys[0].time is not None and len(keys) > 1 else None
     way = _curves(keys, times, period, upright, fov)
-    what = f"{'a loop ' if loop else ''}through {len(keys)} key frames of {path.name}"
+    what = f"{'a loop ' if loop else ''}through {counted(len(keys), 'key frame')} of {path.name}"
     return CameraPath(way, loop, what, duration, keys[0].size)
 
 

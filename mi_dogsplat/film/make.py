@@ -16,6 +16,7 @@ from ..render.picture_options import PictureOptions
 from ..runs.stopping import Stopped, StopRequest
 from ..support.errors import DataError, writing
 from ..support.settings import refuse
+from ..support.wording import counted
 from .camera_path import DEFAULT_SECONDS, DEFAULT_SIZE, CameraPath
 from .data_path import cameras_path
 from .exposure import exposed
@@ -72,7 +73,7 @@ def make_film(
     n = max(1, round(seconds * config.fps))
     if n > MOST_FRAMES:
         raise DataError("--seconds", f"{seconds:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
-    what = f"{path.what}: {n} frames of {size[0]} x {size[1]}"
+    what = f"{path.what}: {counted(n, 'frame')} of {size[0]} x {size[1]}"
     drawn = subject.drawn
     picture = picture_of(
         subject.model.splats,
@@ -113,7 +114,8 @@ def _video(
         def frames() -> Iterator[np.ndarray]:
             for number in range(n):
                 if stop.signal_number:
-                    raise Stopped(f"stopped after {number} of {n} frames; there is no {out}", stop.signal_number)
+                    line = f"stopped after {number} of {counted(n, 'frame')}; there is no {out}"
+                    raise Stopped(line, stop.signal_number)
                 yield frame(number)
                 progress(number + 1)
 
@@ -126,7 +128,7 @@ def _pictures(
     with StopRequest() as stop:
         for number in range(n):
             if stop.signal_number:
-                line = f"stopped after {number} of {n} frames; the same command again goes on from there"
+                line = f"stopped after {number} of {counted(n, 'frame')}; the same command again goes on from there"
                 raise Stopped(line, stop.signal_number)
             if not pictures.has(number):
                 pictures.write(number, frame(number))

@@ -20,6 +20,7 @@ from ..scene.drawing import drawing_of
 from ..scene.ply_tables import TableReader
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
+from ..support.wording import counted
 from . import trailer
 from .model import Model
 from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
@@ -90,7 +91,7 @@ def read(path: Path) -> Model:
         reader.fail(f'its chunks have no property "{missing[0]}"', "export it again")
     n = len(vertex)
     if len(tables["chunk"]) * CHUNK < n or len(tables.get("sh", vertex)) != n:
-        reader.fail(f"its chunks or spherical harmonics are too few for {n} primitives")
+        reader.fail(f"its chunks or spherical harmonics are too few for {counted(n, 'primitive')}")
     chunks = reader.columns(tables["chunk"], "chunk", tuple(COLUMNS)).astype(np.float64).reshape(-1, 3, 2, 3)
     bounds = chunks[np.arange(n) // CHUNK]  # [N, what, min or max, axis]
 

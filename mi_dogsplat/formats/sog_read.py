@@ -16,6 +16,7 @@ from ..scene.drawing import Drawing, drawing_of_extras, value_of
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError
 from ..support.files import parse_json
+from ..support.wording import counted
 from .limits import require_proportion
 from .model import Model
 from .packing import SQRT2, from_smallest_three, logits
@@ -89,7 +90,7 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
         """[N, 4]"""
         found = picture(part, which).reshape(-1, 4)
         if len(found) < n:
-            raise ValueError(f'{n} primitives, but a picture of "{part}" has {len(found)} pixels')
+            raise ValueError(f'{counted(n, "primitive")}, but a picture of "{part}" has {len(found)} pixels')
         return found[:n]
 
     rest = SH_SIZES[meta["shN"].get("bands", 3)] if "shN" in meta else 0

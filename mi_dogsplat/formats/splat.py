@@ -16,6 +16,7 @@ import numpy as np
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DataError
+from ..support.wording import counted
 from .model import Model
 from .packing import finite_scales, logits, unit_quats
 
@@ -39,7 +40,7 @@ def read(path: Path) -> Model:
     """The content of a file. Raises ``DataError``."""
     data = path.read_bytes()
     if len(data) % ROW.itemsize:
-        problem = f"{len(data)} bytes are no whole number of primitives of {ROW.itemsize}"
+        problem = f"{counted(len(data), 'byte')}: no whole number of primitives of {ROW.itemsize}"
         raise DataError(path, problem, "the file is damaged: copy or export it again")
     rows = np.frombuffer(data, ROW)
     rgba = rows["rgba"] / 255.0

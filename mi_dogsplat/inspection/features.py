@@ -56,7 +56,7 @@ def model_features(parts: list[Splats], negative_transmittance: bool = True) -> 
     operations_each = primitive_operations(RasterOptions(0), False, variant)
     pair = pair_operations(Settings(3), False, variant)
     cost = f"each {_size(PARAMETERS)}, {operations_each:.0f} operations; per pixel {_sum(pair)}"
-    gaussians = Feature("Gaussians", NEEDED, f"{count(n)} primitives; {cost}")
+    gaussians = Feature("Gaussians", NEEDED, f"{counted(n, 'primitive')}; {cost}")
     features = [gaussians, *_dog_features(parts, negative_transmittance)]
     features += _row_features(parts, "slopes", "slopes", (0, 1), SLOPE_PARAMETERS, "slopes")
     features += _row_features(parts, "curvatures", "curvatures", (0, 1), CURVATURE_PARAMETERS, "curvatures")
@@ -68,7 +68,7 @@ def model_features(parts: list[Splats], negative_transmittance: bool = True) -> 
 
 def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Feature]:
     n, m = sum(s.n_splats for s in parts), sum(s.n_dog for s in parts)
-    share, variant = f"{count(m)} of {count(n)} primitives", mi.variant()
+    share, variant = f"{count(m)} of {counted(n, 'primitive')}", mi.variant()
     if m == 0:
         return [Feature("DoG", LEFT_OUT, share), Feature("negative T", LEFT_OUT, "there is no DoG primitive")]
     settings = Settings(3, negative_transmittance=negative_transmittance)
@@ -99,7 +99,7 @@ def _row_features(
     """
     held = f"n_{name.replace(' ', '_')}"
     n, m = sum(part.n_splats for part in parts), sum(getattr(part, held) for part in parts)
-    share, variant = f"{count(m)} of {count(n)} primitives", mi.variant()
+    share, variant = f"{count(m)} of {counted(n, 'primitive')}", mi.variant()
     if m == 0:
         return [Feature(name, LEFT_OUT, share)]
     without, with_them = (pair_operations(replace(Settings(3), **{setting: v}), False, variant) for v in values)
@@ -143,7 +143,7 @@ def _sh_features(parts: list[Splats]) -> list[Feature]:
             cost += f"; zero in {counted(zeros, 'primitive')}, {wasted}"
             cost += ": dogsplat clean --mixed-sh takes them out" if pays else ", less than SH degrees of their own take"
         having = int((stored >= degree).sum())
-        share = f"{count(having)} of {count(len(stored))} primitives; " if any(s.mixed_sh for s in parts) else ""
+        share = f"{count(having)} of {counted(len(stored), 'primitive')}; " if any(s.mixed_sh for s in parts) else ""
         features.append(Feature(f"SH degree {degree}", UNUSED if zero else NEEDED, zero + share + cost))
     return features
 
@@ -181,7 +181,7 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
 
     others = len(scene.shapes()) - len(parts)
     shown = integrator.name == "dogpath" or integrator.nested is not None
-    traced = f"{count(others)} other shapes; traced in every pass, and primitives are compared with their depth"
+    traced = f"{counted(others, 'other shape')}; traced in every pass, and primitives are compared with their depth"
     if integrator.name == "dogpath":
         traced += "; light paths behind them, and a tree over the primitives for these"
     alone = "no nested integrator renders the other shapes" if others else "there is no other shape"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,8 @@ from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, POSED, read_run
 from ..scene.kinds import COUNTED, kinds, kinds_of
 from ..scene.splats import Splats
 from ..support.errors import DataError
-from ..support.wording import count, duration, file_size, finite, fixed
+from ..support.wording import count, counted, duration, file_size, finite, fixed
+from ..training.config import FREE, TrainConfig
 from .lines import drawn, line, sh_degrees
 
 if TYPE_CHECKING:
@@ -26,6 +28,9 @@ ACCEPTED = (
     "transforms.json or transforms_train.json, or a Mitsuba scene .xml"
 )
 RUN_FILES = (CONFIG, HISTORY, METRICS)
+SETTINGS = ("preset", "downscale", "max_primitives", "seed")  # of a run that are always told
+# told elsewhere, of the preset, or of no matter for the result
+UNTOLD = ("data", "steps", "max_world_scale", "variant", "log_every", "test_every", *FREE)
 NAMES_SHOWN = 4  # of views, and of sizes
 SCENE_SPP = 4  # enough to see that the sensors of a Mitsuba scene see something
 
@@ -161,17 +166,26 @@ def describe_run(path: Path) -> list[str]:
         lines.append(line("model", file_size(metrics.get("bytes"))))
         lines.append(line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))
         lines += [line(split, _quality(metrics[split])) for split in ("test", "train") if metrics.get(split)]
-    changed = [
-        f"{key} {run.config[key]}" for key in ("preset", "downscale", "max_primitives", "seed") if key in run.config
-    ]
-    if changed:
-        lines.append(line("settings", ", ".join(changed)))
+    if settings := _settings(run.config):
+        lines.append(line("settings", ", ".join(settings)))
     problems = [f"{name} is missing" for name in (*RUN_FILES, MODEL) if not (path / name).is_file()]
     if run.metrics is None:
         problems.append("the run is not complete: it was interrupted, or is still running")
     if run.broken_rows:
-        problems.append(f"{run.broken_rows} lines of {HISTORY} are not JSON")
+        problems.append(f"{HISTORY} has {counted(run.broken_rows, 'line')} of something else than JSON")
     return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
+
+
+def _settings(config: dict[str, Any]) -> list[str]:
+    """Those of ``SETTINGS``, and all others that are not as they usually are and bear on the result."""
+    usual = {field.name: field.default for field in fields(TrainConfig) if field.name not in UNTOLD}
+    told = [name for name in config if name in SETTINGS or (name in usual and config[name] != usual[name])]
+    return [name if config[name] is True else f"{name} {_whole(config[name])}" for name in told]
+
+
+def _whole(value: Any) -> Any:
+    """The same, but 10000 for 10000.0."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def describe_dataset(path: Path) -> list[str]:

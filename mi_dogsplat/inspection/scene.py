@@ -8,7 +8,7 @@ from typing import Any
 
 from ..datasets.scene_file import load_scene
 from ..scene.kinds import kinds_of
-from ..support.wording import count
+from ..support.wording import count, counted
 from .lines import drawn, line, sh_degrees
 
 
@@ -28,7 +28,7 @@ def describe_scene(path: Path) -> list[str]:
     lines = [f"{path}: Mitsuba scene of splats, not a data set", line("integrator", name)]
     for shape in splats:
         model = shape.to_splats()
-        what = f"{count(model.n_splats)} primitives, {kinds_of(model)}, SH degree {sh_degrees(model)}"
+        what = f"{counted(model.n_splats, 'primitive')}, {kinds_of(model)}, SH degree {sh_degrees(model)}"
         lines += [line("splats", f"{shape.source}: {what}")]
         lines += [line("drawn", drawn(shape.drawing))] if shape.drawing.said() else []
     lines += [

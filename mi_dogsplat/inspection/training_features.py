@@ -8,7 +8,7 @@ from typing import Any
 
 from ..formats.read import read_model
 from ..report.run_folder import MODEL, read_run
-from ..support.wording import count
+from ..support.wording import counted
 from ..training.config import TrainConfig
 from ..training.presets import GIVEN
 from .features import FLOAT, LEFT_OUT, NEEDED, Feature, feature, model_features
@@ -33,8 +33,8 @@ def dataset_features(path: Path) -> list[Feature]:
         feature("alpha masks", alpha, masks, "the images have no alpha"),
         feature("background", alpha, white, black),
         feature("several image sizes", len(sizes) > 1, compiled, "all images have one size"),
-        feature("random start", not points, "the data has no points", f"the data has {count(points)} points"),
-        feature("test renders", tests > 0, f"{tests} views are held out", "no view is held out"),
+        feature("random start", not points, "the data has no points", f"the data has {counted(points, 'point')}"),
+        feature("test renders", tests > 0, f"{counted(tests, 'view')} held out", "no view is held out"),
     ]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..scene.row_groups import in_several
 from ..scene.sh_basis import SH_SIZES
+from ..support.wording import counted
 
 
 def require_sh_size(shape: tuple) -> int:
@@ -28,7 +29,7 @@ def require_rows(shapes: Mapping[str, tuple], rows: Mapping[str, tuple], n: int,
 def require_index(name: str, index: np.ndarray, n: int) -> None:
     """It names some of ``n`` primitives, each once and in order."""
     if index.size and int(index.max()) >= n:
-        raise RuntimeError(f'dog: "{name}" names primitive {int(index.max())}, "means" has {n} rows')
+        raise RuntimeError(f'dog: "{name}" names primitive {int(index.max())}, "means" has {counted(n, "row")}')
     if np.any(index[1:] <= index[:-1]):
         raise RuntimeError(f'dog: "{name}" is not strictly increasing; sort it, each primitive once')
 

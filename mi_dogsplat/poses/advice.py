@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..support.wording import counted
 from .evidence import Evidence
 
 FEW_FEATURES = 300  # of an image; a sharp photograph of a textured scene has thousands
@@ -55,7 +56,8 @@ def advice_on_capture(evidence: Evidence) -> list[Advice]:
         what += ": surfaces have no texture, or images are blurred, dark or small"
         found.append(Advice(what, "use sharp images at full size, more light, or put patterned things into the scene"))
     elif evidence.matches < FEW_MATCHES:
-        what = f"images hardly overlap ({evidence.matches:.0f} features in common with the best neighbour)"
+        shared = counted(round(evidence.matches), "feature")
+        what = f"images hardly overlap ({shared} in common with the best neighbour)"
         found.append(Advice(what, TAKE_MORE))
     if _turns_only(evidence):
         what = f"the camera turns but is not carried (a rotation explains {evidence.rotating:.0%} of the pairs)"

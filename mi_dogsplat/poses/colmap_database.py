@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,9 +16,10 @@ from ..support.errors import DataError
 from ..support.wording import file_size
 
 MOST_FEATURES = 8192  # of an image, as COLMAP has it
-IMAGE_BYTES = MOST_FEATURES * (128 + 24)  # descriptors, and key points of six float32, at most
-PAIR_BYTES = MOST_FEATURES * 2 * 8  # matches, and those of them that its geometry keeps, at most
 JOURNAL = 2  # SQLite writes everything twice
+IMAGE_BYTES = JOURNAL * MOST_FEATURES * (128 + 24)  # descriptors, and key points of six float32, at most
+PAIR_BYTES = JOURNAL * MOST_FEATURES * 2 * 8  # matches, and those of them that its geometry keeps, at most
+EMPTY_BYTES = 128 << 10  # a database of nothing, and what SQLite keeps beside one that is open
 
 
 def pycolmap_module(gpu: bool) -> Any:
@@ -33,23 +36,38 @@ def pycolmap_module(gpu: bool) -> Any:
     return pycolmap
 
 
-def require_room(database: Path, n_bytes: int) -> None:
-    """Raise ``DataError`` where the disk has no room for so many bytes of images or pairs more.
+def require_room(file: Path, n_bytes: int) -> None:
+    """Raise ``DataError`` where so many bytes more find no room: on the disk, or in the file by its limit of size.
 
-    COLMAP writes them in threads of its own, and ends the process with a trace where it cannot.
+    COLMAP ends the process with a trace where its threads cannot write, and leaves a model cut short without a word.
     """
-    needed, free = JOURNAL * n_bytes, shutil.disk_usage(database.parent).free
-    if free < needed:
-        problem = f"its disk has {file_size(free)} left, and up to {file_size(needed)} are written next"
-        raise DataError(database.parent, problem, "make room; the same command goes on")
+    needed, free = file_size(n_bytes), shutil.disk_usage(file.parent).free
+    if free < n_bytes:
+        problem = f"its disk has {file_size(free)} left, and up to {needed} are written next"
+        raise DataError(file.parent, problem, "make room; the same command goes on")
+    most = _largest_file()
+    if most < (file.stat().st_size if file.exists() else 0) + n_bytes:
+        problem = f"file too large: {file_size(most)} are allowed (ulimit -f), and up to {needed} are written next"
+        raise DataError(file, problem, "raise that limit; the same command goes on")
+
+
+def _largest_file() -> float:
+    """Bytes that a file of this process may have."""
+    if sys.platform == "win32":
+        return math.inf
+    import resource  # not on Windows
+
+    most = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    return math.inf if most == resource.RLIM_INFINITY else most
 
 
 @contextmanager
 def opened(pycolmap: Any, path: Path) -> Iterator[Any]:
-    """The database, closed afterwards. Raises ``DataError`` where the file is none."""
+    """The database, closed afterwards. Raises ``DataError`` where the file is none, or cannot be written."""
     try:
         database = pycolmap.Database.open(str(path))
-    except (RuntimeError, ValueError) as error:
+    except (RuntimeError, ValueError) as error:  # which does not say why
+        require_room(path, EMPTY_BYTES)
         raise DataError(path, "cannot be read as COLMAP's database", "remove it, and begin anew") from error
     try:
         yield database

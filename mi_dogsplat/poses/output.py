@@ -16,18 +16,32 @@ from ..datasets.images import read_image, straight_color
 from ..datasets.lens import Undistortion, undistortion
 from ..support.errors import DataError
 from ..support.files import replacing
+from .colmap_database import require_room
 
 QUALITY = {"quality": 98, "subsampling": 0}  # of undistorted JPEG
 PART = "sparse.part"
+VIEW_BYTES = 1024  # of an image in all files: its name, pose, camera, rig and frame, at most
+FEATURE_BYTES, POINT_BYTES, SEEN_BYTES = 24, 51, 8  # of a feature in an image, of a point, of each image that sees it
 
 
 def write_model(model: Any, target: Path) -> None:
-    """Write ``cameras.bin``, ``images.bin`` and ``points3D.bin`` (and COLMAP's ``rigs``, ``frames``) as ``target``."""
+    """Write ``cameras.bin``, ``images.bin`` and ``points3D.bin`` (and COLMAP's ``rigs``, ``frames``) as ``target``.
+
+    Raises ``DataError`` where they have no room.
+    """
     top = target.parent.with_name(PART)
     shutil.rmtree(top, ignore_errors=True)
+    require_room(target.parent, _n_bytes(model))
     (top / target.name).mkdir(parents=True)
     model.write_binary(str(top / target.name))
     os.replace(top, target.parent)
+
+
+def _n_bytes(model: Any) -> int:
+    """Of the files of a model, at most."""
+    features = sum(image.num_points2D() for image in model.images.values())
+    of_points = POINT_BYTES * model.num_points3D() + SEEN_BYTES * model.compute_num_observations()
+    return VIEW_BYTES * model.num_images() + FEATURE_BYTES * features + of_points
 
 
 def undistort(

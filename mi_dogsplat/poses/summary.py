@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from ..support.wording import count, duration
+from ..support.wording import counted, duration
 
 MOST_NAMES = 5
 
@@ -33,14 +33,14 @@ class Summary:
     def lines(self) -> list[str]:
         """Sentences for people."""
         lines = [
-            f"{self.n_registered} of {self.n_images} images have a pose; {count(self.n_points)} points, "
+            f"{self.n_registered} of {self.n_images} images have a pose; {counted(self.n_points, 'point')}, "
             f"reprojection error {self.error:.2f} px, {self.observations:.0f} observations per image"
         ]
         lines += [f"camera: {camera}" for camera in self.cameras]
         unit = "of structure from motion; --scale makes it metres" if self.scale is None else "a metre"
         lines.append(f"up is -y, {self.up_from}; the unit is {unit}")
         if self.n_masks:
-            lines.append(f"{self.n_masks} masks; train with --masks masks/ of this folder")
+            lines.append(f"{counted(self.n_masks, 'mask')}; train with --masks masks/ of this folder")
         if self.without_pose:
             named = ", ".join(self.without_pose[:MOST_NAMES])
             more = len(self.without_pose) - MOST_NAMES

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..support.errors import DataError
+from ..support.wording import counted
 
 FORMATS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,asf,flv,ogg"
 OPTIONS = {"protocol_whitelist": "file", "format_whitelist": FORMATS}
@@ -51,7 +52,7 @@ def read_frames(path: Path) -> Iterator[tuple[int, Any]]:
     except FFmpegError as error:
         raise DataError(path, f"cannot be read as a video ({error.strerror})", REMEDY) from error
     if index == 0 or damaged > MAX_DAMAGED * index:
-        problem = f"is damaged: {index} frames could be decoded, {damaged} packets could not"
+        problem = f"is damaged: {counted(index, 'frame')} could be decoded, {counted(damaged, 'packet')} could not"
         raise DataError(path, problem, REMEDY)
 
 

@@ -16,12 +16,13 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from .page import TEMPLATES
-from .points import RING, Note, labels
+from .points import RING, ROOM, Note, labels
 from .smoothing import thinned
 from .ticks import log_ticks, nice_ticks, number
 
 WIDTH, LEFT, RIGHT, TOP = 480, 62, 14, 30  # user units; one is about one CSS pixel in the two-column layout
 PLOT_HEIGHT, LANE_HEIGHT, MARK_HEIGHT = 190, 18, 14
+MARGIN = 0.06  # of the range of the values, above and below them
 DIGIT, GAP, MAX_SHIFT = 9, 5, 24  # of the labels of marks: width of a character, space between, way off the line
 
 
@@ -109,9 +110,12 @@ def line_plot(
     lanes_top = bottom + (10 if lanes else 0)
     # gaps too: plots of one run share their axis
     px = _Scale(*_x_range(drawn if log_x else series, log_x, x_start), log_x, LEFT, WIDTH - RIGHT)
-    py = _Scale(*_padded(float(ys.min()), float(ys.max()), log_y, from_zero), log_y, bottom, top)
+    named = any(note.label for s in drawn for note in s.notes)
+    margin = ROOM / (height - 2 * ROOM) if named else MARGIN
+    py = _Scale(*_padded(float(ys.min()), float(ys.max()), log_y, from_zero, margin), log_y, bottom, top)
     curves = [_curve(s, px, py) for s in drawn]
     points = [point for curve in curves if curve["notes"] for point in curve["points"]]
+    lines = [curve["points"] for curve in curves if not curve["notes"]]
     notes = [note for s in drawn for note in s.notes]
     svg = TEMPLATES.get_template("report/templates/plot.svg").render(
         width=WIDTH,
@@ -129,7 +133,7 @@ def line_plot(
         curves=curves,
         rings=[point for point, note in zip(points, notes, strict=True) if note.label],
         ring=RING,
-        labels=labels(points, notes, (LEFT, top, WIDTH, bottom)),
+        labels=labels(points, notes, (LEFT, top, WIDTH, bottom), lines),
     )
     return Markup(svg)
 
@@ -155,12 +159,12 @@ def _x_range(series: Sequence[Series], log: bool, start: float) -> tuple[float, 
     return low, high if high > low else low + max(1.0, 1e-6 * abs(low))
 
 
-def _padded(low: float, high: float, log_y: bool, from_zero: bool) -> tuple[float, float]:
+def _padded(low: float, high: float, log_y: bool, from_zero: bool, share: float = MARGIN) -> tuple[float, float]:
     if log_y:
         margin = max((high / low) ** 0.05, 1.02)
         return low / margin, high * margin
     low = min(0.0, low) if from_zero else low
-    margin = 0.06 * (high - low) or 0.5 * abs(high) or 1.0
+    margin = share * (high - low) or 0.5 * abs(high) or 1.0
     return (low if from_zero else low - margin), high + margin
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..poses.config import SETTINGS as POSES
 from ..scene.appearance import APPEARANCE, Appearance, read_appearance
 from ..scene.drawing import value_of
 from ..support.errors import DataError
@@ -64,12 +65,14 @@ class Run:
     recipe: dict[str, Any] | None = None  # of a method in a comparison
     misfits: dict[str, Any] | None = None  # None where nothing was looked for
     appearance: Appearance | None = None  # of the photographs, where it was learned
+    source: str | None = None  # the photographs or the video, where the run has found their poses first
 
     @property
     def data_name(self) -> str:
-        """Name of the data set, or of the run folder where the configuration does not tell."""
-        data = str(self.config.get("data") or "").rstrip("/\\")
-        return re.split(r"[/\\]", data)[-1] or self.path.resolve().name
+        """Name of the data set, of the photographs or video whose poses the run has found itself, or of the run folder
+        where the configuration does not tell."""
+        name = _last_part(self.config.get("data"))
+        return (_last_part(self.source) if name == POSED else "") or name or self.path.resolve().name
 
     @property
     def data(self) -> Path | None:
@@ -117,7 +120,7 @@ class Run:
 
 
 def read_run(path: str | Path) -> Run:
-    """Reads config.json, history.jsonl, metrics.json and test/dog_profile.json of a run folder; each may be missing.
+    """Reads config.json, history.jsonl, metrics.json and others of a run folder; each may be missing.
 
     :raises DataError: the folder does not exist, one of the .json files is not a JSON object, or something in it that
         others rely on is of another kind than what a run writes
@@ -131,7 +134,13 @@ def read_run(path: str | Path) -> Run:
     misfits = _read_object(path / MISFITS, MISFIT_PARTS)
     stored = path / APPEARANCE
     appearance = read_appearance(stored) if stored.is_file() else None
-    return Run(path, config, history, metrics, profile, broken_rows, recipe, misfits, appearance)
+    source = (_read_object(path / POSED / POSES) or {}).get("source")
+    return Run(path, config, history, metrics, profile, broken_rows, recipe, misfits, appearance, source)
+
+
+def _last_part(path: Any) -> str:
+    """Of a path as any system writes it; empty where there is none."""
+    return re.split(r"[/\\]", str(path or "").rstrip("/\\"))[-1]
 
 
 def _read_config(path: Path) -> dict[str, Any]:

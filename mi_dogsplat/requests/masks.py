@@ -11,6 +11,7 @@ import numpy as np
 
 from ..plugin.camera_masks import CameraMasks, SplatMasks
 from ..support.errors import DataError
+from ..support.wording import counted
 from .mattes import NOTHING
 from .objects import SurfaceObjects, object_of_primitive
 from .request import SOURCE, Request
@@ -29,7 +30,7 @@ def splat_masks(request: Request, n: int, chosen: np.ndarray | None = None) -> S
     if not is_masked(request):
         return None
     if request.counts and sum(request.counts) != n:
-        problem = f'"counts" adds up to {sum(request.counts):,}, the model has {n:,} primitives'
+        problem = f'"counts" adds up to {sum(request.counts):,}, the model has {counted(n, "primitive")}'
         raise DataError(SOURCE, problem, "give the number of primitives of each object")
     objects = object_of_primitive(np.arange(n) if chosen is None else chosen, request.counts)
     unseen, holdout = (np.isin(objects, numbers) for numbers in (request.indirect_only, request.holdout))

@@ -65,7 +65,8 @@ def stop_when_input_ends() -> None:
 
 @contextmanager
 def stopped_with(line: str) -> Iterator[None]:
-    """Ctrl-C or SIGTERM ends the work within at once: it raises ``Stopped`` with this line."""
+    """Ctrl-C or SIGTERM ends the work within at once: it raises ``Stopped`` with this line, or with that of what is
+    within and knows better how it goes on."""
     asked = signal.SIGINT
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -76,8 +77,10 @@ def stopped_with(line: str) -> Iterator[None]:
     try:
         with signals_to(interrupt, signal.SIGTERM), interruptible():
             yield
-    except KeyboardInterrupt as stop:
-        raise Stopped(line, stop.signal_number if isinstance(stop, Stopped) else asked) from None
+    except Stopped:
+        raise
+    except KeyboardInterrupt:
+        raise Stopped(line, asked) from None
 
 
 @contextmanager

@@ -30,6 +30,7 @@ import numpy as np
 
 from ..support.errors import DataError, writing
 from ..support.files import replacing
+from ..support.wording import counted
 from .ply_tables import NOT_3DGS, TableReader, check_finite
 from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SHIFTS, SLOPES, Array, RowGroup, in_several
 from .splats import Splats
@@ -162,7 +163,7 @@ def _read_index(reader: TableReader, table: Array, element: str, n_splats: int, 
     bad = np.flatnonzero((index < 0) | (index >= n_splats) | (index != np.floor(index)))
     if bad.size:
         where = f'row {bad[0]} of the element "{element}" has index {index[bad[0]]:.10g}'
-        reader.fail(f"{where}, but the model has {n_splats} primitives (0 to {n_splats - 1})", remedy)
+        reader.fail(f"{where}, but the model has {counted(n_splats, 'primitive')} (0 to {n_splats - 1})", remedy)
     order = np.argsort(index, kind="stable")
     index = index[order].astype(np.uint32)
     repeated = np.flatnonzero(index[1:] == index[:-1])

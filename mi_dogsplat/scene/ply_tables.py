@@ -17,6 +17,7 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 
 from ..support.errors import DataError
+from ..support.wording import counted
 from .row_groups import Array
 
 _TYPES = {
@@ -80,12 +81,12 @@ class TableReader:
         need = sum(e.least_bytes(file_format) for e in fixed)
         if need > left + (file_format == "ascii"):  # the last ASCII value may lack its separator
             promise = ", ".join(f"{e.count} x {_quote(e.name)}" for e in fixed[:_NAMED])
-            promise += f" and {len(fixed) - _NAMED} elements more" if len(fixed) > _NAMED else ""
+            promise += f" and {counted(len(fixed) - _NAMED, 'element')} more" if len(fixed) > _NAMED else ""
             self.fail(f"the header promises {promise} = {need} bytes or more, but only {left} bytes follow")
         if file_format == "ascii":
             return self._ascii(fixed, wanted, all_fixed)
         if all_fixed and need < left and not trailer:
-            self.fail(f"{left - need} bytes of data are left over after the last element")
+            self.fail(f"{counted(left - need, 'byte')} of data left over after the last element")
         return self._binary(elements[: last + 1], wanted, _BYTE_ORDERS[file_format])
 
     def trailer(self) -> bytes:

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..support.wording import counted
+
 MAX_SH_DEGREE = 3
 Array = NDArray[Any]
 
@@ -70,7 +72,7 @@ def checked_index(name: str, index: ArrayLike, n_splats: int) -> Array:
     if index.size:
         low, high = int(index.min()), int(index.max())
         if low < 0 or high >= n_splats:
-            raise ValueError(f'Splats: "{name}" spans {low} to {high}, "means" has {n_splats} rows')
+            raise ValueError(f'Splats: "{name}" spans {low} to {high}, "means" has {counted(n_splats, "row")}')
         if np.any(index[1:] <= index[:-1]):
             raise ValueError(f'Splats: "{name}" is not strictly increasing; sort it, each primitive once')
     return np.ascontiguousarray(index, dtype=np.uint32)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..support.wording import counted
 from .curvatures import mean_brightness
 from .opacity import sigmoid
 from .row_groups import (
@@ -143,7 +144,7 @@ class Splats:
         if shape == expected:
             return
         if shape[1:] == expected[1:] and len(shape) == len(expected):
-            rows = f'"{name}" has {shape[0]} rows, {other} has {other_rows}'
+            rows = f'"{name}" has {counted(shape[0], "row")}, {other} has {other_rows}'
             raise ValueError(f"Splats: {rows}; both need one row per primitive")
         raise ValueError(f'Splats: "{name}" has shape {list(shape)}, expected {list(expected)}')
 
@@ -259,7 +260,7 @@ class Splats:
         if chosen.size == 0 and chosen.dtype != bool:
             chosen = chosen.astype(np.int64)  # an empty Python list arrives as float64
         if chosen.dtype == bool and chosen.shape != (self.n_splats,):
-            raise ValueError(f'Splats.select: mask {list(chosen.shape)}, "means" has {self.n_splats} rows')
+            raise ValueError(f'Splats.select: mask {list(chosen.shape)}, "means" has {counted(self.n_splats, "row")}')
         old_from_new = np.arange(self.n_splats)[chosen]  # [N'] plain indices, whatever came in
 
         arrays = {name: getattr(self, name)[old_from_new] for name in DENSE}
@@ -360,7 +361,7 @@ class Splats:
         chosen = np.asarray(degrees)
         if chosen.shape != (self.n_splats,):
             shape = list(chosen.shape)
-            raise ValueError(f'Splats.with_sh_degrees: degrees {shape}, "means" has {self.n_splats} rows')
+            raise ValueError(f'Splats.with_sh_degrees: degrees {shape}, "means" has {counted(self.n_splats, "row")}')
         highest = max((_checked_degree(degree, "with_sh_degrees") for degree in np.unique(chosen)), default=0)
         if not len(chosen) or np.all(chosen == highest):
             return self.uniform_sh(highest if len(chosen) else None)

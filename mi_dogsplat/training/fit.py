@@ -21,6 +21,7 @@ from ..scene.cameras import Camera
 from ..scene.radiance import brightened
 from ..scene.row_groups import BESIDE_COLORS
 from ..scene.splats import Array, Splats
+from ..support.wording import counted
 from .footprint import budget
 from .images.photographs import Photographs
 from .optimizer.learning_rates import LearningRates, Refinement
@@ -68,7 +69,8 @@ def fit(
     cameras'.
     """
     if len(cameras) != len(pictures) or not cameras:
-        raise ValueError(f"fit: {len(cameras)} cameras, {len(pictures)} pictures; one of each is needed, or more")
+        found = f"{counted(len(cameras), 'camera')}, {counted(len(pictures), 'picture')}"
+        raise ValueError(f"fit: {found}; one of each is needed, or more")
     for camera, picture in zip(cameras, pictures, strict=True):
         if picture.shape != (camera.height, camera.width, 3):
             raise ValueError(f"fit: a picture {picture.shape} of a camera {camera.width}x{camera.height}")

@@ -21,7 +21,7 @@ from ..engine.geometry import Blocks
 from ..scene.row_groups import RowGroup
 from ..support.errors import DataError
 from ..support.memory import available_memory, bytes_of
-from ..support.wording import count, file_size
+from ..support.wording import counted, file_size
 from .events import MemoryFull
 from .optimizer.trained_arrays import TrainedArrays
 
@@ -105,7 +105,7 @@ class Budget:
             return
         primitives = n * self.each(FIRST_PAIRS)
         total = file_size((self.fixed + primitives) / MARGIN)
-        need = f"training from {count(n)} primitives needs about {total} of memory"
+        need = f"training from {counted(n, 'primitive')} needs about {total} of memory"
         parts = f"pictures {file_size(self.fixed - BASE)}, primitives {file_size(primitives)}"
         remedy = "use a larger --downscale, fewer --max-primitives, a smaller --sh-degree, or a larger --memory"
         raise DataError(path, f"{need} ({parts}), and there are {file_size(self.total)}", remedy)

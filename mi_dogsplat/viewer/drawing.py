@@ -14,6 +14,7 @@ from ..engine.rasterize import RasterOptions
 from ..render.picture import photograph as shown
 from ..render.picture import render_picture
 from ..scene.cameras import Camera
+from ..scene.kinds import varying
 from ..scene.splats import Array, Splats
 from ..support.pictures import heat_map
 from .view_state import (
@@ -25,11 +26,11 @@ from .view_state import (
     ONLY_GAUSSIANS,
     PHOTOGRAPH,
     SHIFT_DIFFERENCE,
-    SLOPE_DIFFERENCE,
+    VARYING_DIFFERENCE,
     WITHOUT_CUTS,
     WITHOUT_DOG,
     WITHOUT_SHIFTS,
-    WITHOUT_SLOPES,
+    WITHOUT_VARYING,
     Pose,
     Settings,
 )
@@ -39,16 +40,14 @@ PARTS: dict[str, Callable[[Splats], Splats]] = {
     WITHOUT_DOG: Splats.plain,
     ONLY_DOG: Splats.only_dog,
     ONLY_GAUSSIANS: Splats.only_gaussians,
-    WITHOUT_SLOPES: Splats.without_slopes,
     WITHOUT_CUTS: Splats.without_cuts,
     WITHOUT_SHIFTS: Splats.without_shifts,
-}
+} | dict.fromkeys(WITHOUT_VARYING.values(), Splats.without_slopes)
 DIFFERENCES = {  # of the model to its part
     DOG_DIFFERENCE: WITHOUT_DOG,
-    SLOPE_DIFFERENCE: WITHOUT_SLOPES,
     CUT_DIFFERENCE: WITHOUT_CUTS,
     SHIFT_DIFFERENCE: WITHOUT_SHIFTS,
-}
+} | {VARYING_DIFFERENCE[what]: part for what, part in WITHOUT_VARYING.items()}
 
 
 @dataclass(frozen=True)
@@ -85,10 +84,11 @@ class Drawing:
     def choices(self) -> list[str]:
         """What can be shown of this model and its data."""
         dog = [WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE] if self.splats.n_dog else []
-        slopes = [WITHOUT_SLOPES, SLOPE_DIFFERENCE] if self.splats.is_varied.any() else []
+        what = varying(self.splats)
+        varied = [WITHOUT_VARYING[what], VARYING_DIFFERENCE[what]] if what else []
         cuts = [WITHOUT_CUTS, CUT_DIFFERENCE] if self.splats.is_cut.any() else []
         shifts = [WITHOUT_SHIFTS, SHIFT_DIFFERENCE] if self.splats.n_shifts else []
-        return [MODEL, *dog, *slopes, *cuts, *shifts, *([ERROR, PHOTOGRAPH] if self.views else [])]
+        return [MODEL, *dog, *varied, *cuts, *shifts, *([ERROR, PHOTOGRAPH] if self.views else [])]
 
     def draw(self, pose: Pose, settings: Settings, moving: bool = False) -> Drawn:
         """The picture that is due. What the model does not have is drawn as the model."""

@@ -29,6 +29,7 @@ from ..scene.kinds import kinds_of
 from ..scene.orientation import up_of_cameras
 from ..scene.splats import Splats
 from ..support.errors import DataError, interruptible
+from ..support.wording import counted
 from .drawing import Drawing
 from .source import Source
 from .view_state import Pace, Pose, Settings
@@ -134,7 +135,7 @@ class Server:
     def statistics(self, last: str) -> str:
         """Markdown about the model and the last picture."""
         splats = self.drawing.splats
-        counts = f"{splats.n_splats:,} primitives, {kinds_of(splats)}, SH degree {splats.sh_degree}"
+        counts = f"{counted(splats.n_splats, 'primitive')}, {kinds_of(splats)}, SH degree {splats.sh_degree}"
         scale = self.source.drawing.scale
         size = "" if scale is None else f"\n\nThe core of it is {2 * robust_sphere(splats)[1] * scale:.3g} m across"
         return f"**{self.source.path.name}**, {self.what}\n\n{counts}{size}\n\n{last}"

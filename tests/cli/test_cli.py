@@ -17,7 +17,7 @@ from dataset_folders import transforms_folder
 from happenings import history_of, records
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli import main
-from mi_dogsplat.cli.errors import one_line_errors, quiet_pipe
+from mi_dogsplat.cli.errors import one_line_errors, quiet_pipe, resumable
 from mi_dogsplat.cli.parser import build_parser
 from mi_dogsplat.cli.printing import metrics_line
 from mi_dogsplat.scene.camera_file import write_camera
@@ -167,6 +167,45 @@ def test_ctrl_c_within_a_render_is_one_line_too(capsys):
 
     assert one_line_errors(stopped) == 130
     assert capsys.readouterr().err == "dogsplat: stopped before the end; nothing is half-written\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("command", ["export", "simplify", "clean", "check", "render", "eval"])
+def test_a_command_that_is_stopped_says_so_and_leaves_nothing(
+    capsys, model, data, tmp_path, monkeypatch, command, number
+):
+    flags = {
+        "export": ["-o", tmp_path / "a.spz"],
+        "simplify": ["-o", tmp_path / "a.ply", "--target", 8, "--steps", 3],
+        "clean": ["-o", tmp_path / "a.ply"],
+        "check": ["-o", tmp_path, "--only", "work-precision", "--data", data, "--rounds", 1],
+        "render": ["-o", tmp_path / "a.png"],
+        "eval": [data, "-o", tmp_path],
+    }
+    monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda _: [])
+    monkeypatch.setattr("os.replace", lambda *_: signal.raise_signal(number))  # its first file is written, but hidden
+    status, _, err = run(capsys, command, model, *flags[command])
+    assert status == 128 + number
+    assert err.splitlines()[-1] == "dogsplat: stopped before the end; nothing is half-written"
+    assert not any(path.is_file() for path in tmp_path.rglob("*"))
+
+
+def test_what_knows_better_how_it_goes_on_says_so(capsys):
+    def search():
+        with resumable():
+            signal.raise_signal(signal.SIGTERM)
+
+    assert one_line_errors(search) == 143
+    assert capsys.readouterr().err == "dogsplat: stopped; the same command again goes on from here\n"
+
+
+def test_sigterm_ends_a_render_by_mitsuba_within_which_no_handler_begins(tmp_path, monkeypatch, capsys):
+    actions = []
+    monkeypatch.setattr(
+        "mi_dogsplat.render.render_files.render_scene", lambda *_: actions.append(signal.getsignal(signal.SIGTERM))
+    )
+    assert run(capsys, "render", "s.xml", "-o", tmp_path / "s.png")[0] == 0
+    assert actions == [signal.SIG_DFL]
 
 
 def test_a_bug_is_not_dressed_up_as_bad_input(data, tmp_path, monkeypatch):

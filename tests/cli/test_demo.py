@@ -32,6 +32,22 @@ def test_the_demo_ends_with_a_compact_model_beside_the_truth(tmp_path: Path, cap
     assert "views was 12 and is 13 now" in capsys.readouterr().err
 
 
+def test_the_bar_of_the_training_has_ended_before_the_model_is_measured(tmp_path: Path, capsys, monkeypatch):
+    told = []
+
+    def train(config, out, progress):
+        progress({"step": 300, "n": 7, "l1": 0.1})
+        progress({"step": 300, "n": 7, "measured": 1})
+        told.extend(capsys.readouterr())
+        raise DataError(out, "is not measured here", "end")
+
+    monkeypatch.setattr(tour, "capture", lambda *_: None)
+    monkeypatch.setattr(tour, "train", train)
+    assert main(["-o", str(tmp_path), "--steps", "300", "--variant", "llvm_ad_rgb"]) == 2
+    assert told[0].splitlines()[-1] == "all steps are done; measuring 1 test view, writing the report"
+    assert "300/300" in told[1] and "300/300" not in capsys.readouterr().err
+
+
 def test_the_scene_is_found_in_a_wheel_and_in_a_checkout_and_missed_in_one_line(tmp_path: Path, monkeypatch):
     assert tour.scene_file() == tour.CHECKED_OUT / "demo_truth.xml"
     monkeypatch.setattr(tour, "PACKAGED", tmp_path)

@@ -248,7 +248,7 @@ def test_a_scene_of_dog_shapes_is_told_from_one_that_is_a_data_set(tmp_path):
     assert MODEL < set(read(describe_features(splats)))
     path_traced = '<shape type="dog"><string name="filename" value="m.ply"/></shape><shape type="sphere"/>'
     state, reason = read(describe_features(scene_file(tmp_path, "dogpath", path_traced)))["surfaces"]
-    assert state == "needed" and reason.startswith("1 other shapes") and "light paths" in reason
+    assert state == "needed" and reason.startswith("1 other shape;") and "light paths" in reason
     surfaces = scene_file(tmp_path, "path", '<shape type="sphere"/><emitter type="constant"/>')
     assert "alpha masks" in read(describe_features(surfaces))
 

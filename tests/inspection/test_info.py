@@ -14,6 +14,7 @@ from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.info import describe, model_problems
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.config import TrainConfig
 from own_axes_models import CURVED, CUT, SECOND_CUT, SHIFTED, SLOPED, Kind
 from row_kinds import of_each
 
@@ -153,6 +154,17 @@ def test_a_complete_run_shows_its_result(tmp_path):
     assert lines[-1] == "problems: none found"
 
 
+def test_the_settings_of_a_run_that_were_given_are_shown(tmp_path):
+    run = write_run(tmp_path)
+    usual = dataclasses.asdict(TrainConfig("photos/fox"))
+    given = {"target": "2MB", "format": "spz", "batch_views": 4, "appearance": True, "memory": "8G", "up": "z"}
+    all_given = ", target 2MB, format spz, batch_views 4, appearance"
+    for changed, shown in (({}, ""), (given, all_given), ({"target": 20000.0}, ", target 20000")):
+        (run / "config.json").write_text(json.dumps(usual | changed))
+        told = value_of(describe(run), "settings").split(", ")
+        assert sorted(told) == sorted(f"preset ours, downscale 1, max_primitives None, seed 0{shown}".split(", "))
+
+
 def test_a_run_that_gives_rows_to_primitives_tells_of_how_many(tmp_path):
     run = write_run(tmp_path)
     metrics = json.loads((run / "metrics.json").read_text())
@@ -179,7 +191,7 @@ def test_an_interrupted_run_shows_how_far_it_came(tmp_path):
         "  metrics.json is missing",
         "  point_cloud.ply is missing",
         "  the run is not complete: it was interrupted, or is still running",
-        "  1 lines of history.jsonl are not JSON",
+        "  history.jsonl has 1 line of something else than JSON",
     ]
 
 

@@ -145,5 +145,5 @@ def test_updates_that_do_not_fit_are_refused(changes, problem):
 
 def test_tensors_that_do_not_fit_are_refused_at_load():
     short = {**dog_dict(mixed()), "sh2_coeffs": mi.TensorXf(mixed().sh2_coeffs[:1])}
-    with pytest.raises(RuntimeError, match='"sh2_coeffs" has 1 rows, "sh2_index" has 3'):
+    with pytest.raises(RuntimeError, match='"sh2_coeffs" has 1 row, "sh2_index" has 3'):
         mi.load_dict(short)

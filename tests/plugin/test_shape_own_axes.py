@@ -210,6 +210,6 @@ def test_updates_that_do_not_fit_are_refused(kind: Kind, changes, problem):
 @EACH_KIND
 def test_tensors_that_do_not_fit_are_refused_at_load(kind: Kind):
     short = {**dog_dict(kind.model), kind.name: mi.TensorXf(kind.values(kind.model)[:1])}
-    problem = f'"{kind.name}" has 1 rows, "{kind.group.index}" has {len(kind.index(kind.model))}'
+    problem = f'"{kind.name}" has 1 row, "{kind.group.index}" has {len(kind.index(kind.model))}'
     with pytest.raises(RuntimeError, match=problem):
         mi.load_dict(short)

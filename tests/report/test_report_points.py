@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from html_pages import parsed, words
 from mi_dogsplat.report.page import TEMPLATES
 from mi_dogsplat.report.plot import LEFT, RIGHT, WIDTH, Series, line_plot
-from mi_dogsplat.report.points import CHARACTER, CLEAR, RING, Label, Note, labels
+from mi_dogsplat.report.points import CHARACTER, CLEAR, RING, Label, Note, _candidates, labels
 from mi_dogsplat.report.ticks import number
 
 X, Y = np.array([1.0, 10.0, 100.0]), np.array([1e-2, 1e-4, 1e-6])
@@ -65,6 +66,36 @@ def test_words_stay_inside_and_cover_neither_points_nor_each_other():
 def test_a_label_without_room_on_the_right_goes_to_the_left():
     (found,) = labels([(95.0, 50.0)], [Note("", "words")], (0, 0, 100, 100))
     assert found == Label("words", "end", 95 - CLEAR, found.y)
+
+
+def test_words_leave_the_curves_free():
+    """Those of a comparison become flat to the right border, where each ends: the words lay on them."""
+    x = np.linspace(60, 400, 9)
+    lines = [list(zip(x.tolist(), (40 + 40 * k + 0.002 * (400 - x) ** 2).tolist(), strict=True)) for k in range(4)]
+    points, notes = [line[-1] for line in lines], [Note("", f"words {k}") for k in range(4)]
+    found = labels(points, notes, (0, 0, 420, 400), lines)
+    assert [label.words for label in found] == [note.label for note in notes]
+    along = np.linspace(0, 1, 500)[:, None]
+    drawn = np.concatenate([a + along * (b - a) for line in lines for a, b in pairwise(np.array(line))])
+    for left, top, right, bottom in (label.box for label in found):
+        assert not ((drawn > (left, top)) & (drawn < (right, bottom))).all(axis=1).any()
+
+
+def test_the_outermost_points_have_room_for_words_above_and_below():
+    x, levels = np.array([0.0, 1.0]), {"best": 1.0, "worst": 0.0}
+    curves = [Series("", x, np.array([1.0, y])) for y in levels.values()]  # in the way of words to the left
+    ends = [Series("", x[1:], np.array([y]), "points", notes=[Note("", name)]) for name, y in levels.items()]
+    svg = line_plot([*curves, *ends], "s", "PSNR", legend=False)
+    (best, worst), words_at = places(svg), re.findall(r'class="note"[^>]* y="([\d.]+)">(\w+)<', svg)
+    assert [name for _, name in words_at] == list(levels)
+    assert float(words_at[0][0]) < best[1] - RING and float(words_at[1][0]) > worst[1] + RING
+
+
+def test_words_that_every_place_has_lie_on_the_fewest_curves():
+    around = [[(0.0, y), (100.0, y)] for y in range(0, 100, 7)]
+    (found,) = labels([(50.0, 50.0)], [Note("", "word")], (0, 0, 100, 100), around)
+    crossed = [sum(label.box[1] < y < label.box[3] for ((_, y), _) in around) for label in _candidates("word", 50, 50)]
+    assert sum(found.box[1] < y < found.box[3] for ((_, y), _) in around) == min(crossed)
 
 
 def test_every_colour_has_a_shape_of_its_own_in_plots_and_in_legends():

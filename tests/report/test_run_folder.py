@@ -9,6 +9,7 @@ from command_line import assert_one_line
 from command_line import run as dogsplat
 from mi_dogsplat import write_ply
 from mi_dogsplat.report.run_folder import read_run
+from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support.errors import DataError
 
 WRONG = {
@@ -53,6 +54,22 @@ def test_a_setting_that_no_run_writes_is_one_line(tmp_path, name, value):
 @pytest.mark.parametrize(("name", "value"), [(name, value) for name, values in RIGHT.items() for value in values])
 def test_what_a_run_of_any_version_writes_is_read(tmp_path, name, value):
     assert read_run(write(tmp_path, {name: value})).config == {name: value}
+
+
+@pytest.mark.parametrize(
+    ("data", "source", "name"),
+    [
+        ("run/posed", "/home/me/fox photos/", "fox photos"),
+        ("run\\posed", "walk.mp4", "walk.mp4"),
+        ("posed_by_hand", "photos", "posed_by_hand"),
+        ("run/posed", None, "posed"),
+    ],
+)
+def test_a_report_is_headed_by_the_photographs_that_were_named(tmp_path, data, source, name):
+    (tmp_path / "posed").mkdir()
+    (tmp_path / "posed" / "poses.json").write_text(json.dumps({"source": source}))
+    assert read_run(write(tmp_path, {"data": data})).data_name == name
+    assert f"<h1>{name}" in write_report(tmp_path).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("command", ["film", "view", "info"])

@@ -56,7 +56,7 @@ BAD_FILES = {
     "format": (plain().replace(b"little", b"middle"), 'unsupported "format binary_middle_endian'),
     "no vertex": (to_bytes({"point": {"x": np.zeros(2)}}), 'there is no element "vertex"'),
     "truncated": (plain()[:-1], 'promises 7 x "vertex" = 644 bytes or more, but only 643 bytes follow'),
-    "too long": (plain() + b"x", "1 bytes of data are left over"),
+    "too long": (plain() + b"x", "1 byte of data left over"),
     "absurd count": (
         plain().replace(b"vertex 7", b"vertex 99999999999999999"),
         "promises 99999999999999999 x",

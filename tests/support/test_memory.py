@@ -297,11 +297,17 @@ def test_the_cap_falls_as_primitives_touch_more_tiles_and_removes_none():
     assert known.bounded(500, 10_000) == (500, None)
 
 
-def test_images_that_do_not_fit_are_refused_before_they_are_read(data, monkeypatch):
+def test_images_that_do_not_fit_are_refused_before_they_are_read(data, tmp_path, monkeypatch):
     monkeypatch.setattr(view_images, "usable_cores", lambda: 2)  # as many are decoded at a time, which takes memory too
     monkeypatch.setattr(view_images, "available_memory", lambda: 150_000)
-    with pytest.raises(DataError, match=r"8 images need .* and 150 kB are free; shrink them: --downscale 2"):
+    with pytest.raises(DataError, match=r"8 images would take .* and 150 kB are free; shrink them: --downscale 2"):
         load_dataset(data)
+    (tmp_path / "images").symlink_to(data / "images")
+    content = json.loads((data / "transforms.json").read_text())
+    (tmp_path / "transforms.json").write_text(json.dumps(content | {"frames": content["frames"][:1]}))
+    monkeypatch.setattr(view_images, "available_memory", lambda: 20_000)
+    with pytest.raises(DataError, match="1 image would take"):
+        load_dataset(tmp_path)
     monkeypatch.setattr(view_images, "available_memory", lambda: 250_000)
     assert len(load_dataset(data).views) == 8
 

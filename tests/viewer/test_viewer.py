@@ -31,11 +31,9 @@ from mi_dogsplat.viewer.view_state import (
     PHOTOGRAPH,
     REST_SECONDS,
     SHIFT_DIFFERENCE,
-    SLOPE_DIFFERENCE,
     WITHOUT_CUTS,
     WITHOUT_DOG,
     WITHOUT_SHIFTS,
-    WITHOUT_SLOPES,
     Pace,
     Pose,
     Settings,
@@ -45,8 +43,7 @@ from shifted_models import with_shifts
 from sloped_models import with_curvatures, with_slopes
 
 SMALL = Settings(height=48, gain=1.0)
-SLOPES, CUTS = [WITHOUT_SLOPES, SLOPE_DIFFERENCE], [WITHOUT_CUTS, CUT_DIFFERENCE]
-SHIFTS = [WITHOUT_SHIFTS, SHIFT_DIFFERENCE]
+CUTS, SHIFTS = [WITHOUT_CUTS, CUT_DIFFERENCE], [WITHOUT_SHIFTS, SHIFT_DIFFERENCE]
 
 
 def pose_of(camera) -> Pose:
@@ -109,9 +106,17 @@ def test_each_choice_draws_its_part_of_the_model():
 @pytest.mark.parametrize(
     ("changed", "bare", "choices"),
     [
-        (with_slopes, Splats.without_slopes, SLOPES),
-        (with_curvatures, Splats.without_slopes, SLOPES),
-        (lambda splats, every: with_curvatures(with_slopes(splats, every), 2), Splats.without_slopes, SLOPES),
+        (with_slopes, Splats.without_slopes, ["slopes switched off", "slopes on and off: difference"]),
+        (
+            with_curvatures,
+            Splats.without_slopes,
+            ["curvatures switched off", "curvatures on and off: difference"],
+        ),
+        (
+            lambda splats, every: with_curvatures(with_slopes(splats, every), 2),
+            Splats.without_slopes,
+            ["slopes and curvatures switched off", "slopes and curvatures on and off: difference"],
+        ),
         (with_cuts, Splats.without_cuts, CUTS),
         (with_second_cuts, Splats.without_cuts, CUTS),
         (lambda splats, every: with_second_cuts(with_cuts(splats, every)), Splats.without_cuts, CUTS),

@@ -8,6 +8,7 @@ from pathlib import Path
 from ...film.film_config import FilmConfig
 from ...render.picture_options import PictureOptions
 from ...support.variants import set_variant
+from ...support.wording import counted
 from ...training.config import TrainConfig
 from ..flags import MODEL_HELP, add_settings, given_settings
 
@@ -51,4 +52,5 @@ def run(args: argparse.Namespace) -> None:
     with Bar("frame") as bar:
         made = make_film(args.model, args.out, args.data, config, options, bar.show)
     width, height = made.size
-    print(f"{args.out}: {made.n_frames} frames of {width} x {height}, {made.n_frames / config.fps:.4g} s; {made.path}")
+    frames = f"{counted(made.n_frames, 'frame')} of {width} x {height}, {made.n_frames / config.fps:.4g} s"
+    print(f"{args.out}: {frames}; {made.path}")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import signal
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields
 from pathlib import Path
 
 from ...render.picture_options import PictureOptions
+from ...runs.stopping import signals_to
 from ...support.errors import DataError
 from ...support.variants import set_variant
 from ..flags import MODEL_HELP, add_picture_flags, add_view_flags, given_settings
@@ -65,7 +67,8 @@ def run(args: argparse.Namespace) -> None:
             if getattr(args, name) != getattr(PictureOptions(), name, None):
                 flag = f"--{name.replace('_', '-')}"
                 raise DataError(flag, "is for models: a scene says by itself what is drawn, and how", "leave it out")
-        with _bar() as bar:
+        # what Mitsuba renders in one piece lets no handler of Python begin: the signal ends it at once, without a line
+        with signals_to(signal.SIG_DFL, signal.SIGTERM), _bar() as bar:
             render_scene(args.model, args.out, args.spp, bar.show if bar else None)
     else:
         if args.spp:
