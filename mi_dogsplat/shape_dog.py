@@ -16,7 +16,8 @@ from .plugin.freezing import refuse_freezing
 from .plugin.given_model import given_model, on_host
 from .plugin.properties import matrix_of
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
-from .scene.row_groups import CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SLOPES, RowGroup
+from .scene.row_groups import CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
+from .scene.shifts import box_of_places
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, mean_scale, transformed
 
@@ -32,8 +33,9 @@ class DogShape(mi.Mesh):
      * - filename
        - |string|
        - Model: PLY (with an element ``dog`` for DoG primitives, ``slopes`` and ``curvatures`` for colours that vary
-         over their primitive, ``cuts`` for planes that cut some off, and ``second_cuts`` for second ones), compressed
-         PLY, SPZ, SOG, glTF or .splat. The integrator draws it as its file says, unless it is told otherwise.
+         over their primitive, ``cuts`` for planes that cut some off, ``second_cuts`` for second ones, and ``shifts``
+         for places that depend on the view), compressed PLY, SPZ, SOG, glTF or .splat. The integrator draws it as its
+         file says, unless it is told otherwise.
 
      * - means, log_scales, quats, logit_opacities, sh_coeffs
        - |tensor|
@@ -72,6 +74,14 @@ class DogShape(mi.Mesh):
        - The C2 primitives that a second plane cuts off, with the first one or without: their rows [C2], and the normals
          [C2, 3], as above. What both leave of a primitive is the product of what each does. Absent for a model in which
          one plane at most cuts off a primitive.
+       - |exposed|, |differentiable| (not the index)
+
+     * - shift_index, view_shifts, mean_views
+       - |tensor|
+       - The V primitives whose place depends on the view (docs/shifts.md): their rows [V], by how many standard
+         deviations along each of their axes they move when the direction of the view changes by 1 along each of them
+         [V, 3, 3], axis of the move by axis of the direction, and the direction along these axes for which they stand
+         at their means [V, 3]. Absent for a model of which each primitive stands still.
        - |exposed|, |differentiable| (not the index)
 
      * - sh1_index, sh1_coeffs, sh2_index, sh2_coeffs, sh3_index, sh3_coeffs
@@ -123,6 +133,8 @@ class DogShape(mi.Mesh):
     brightness_curvatures: mi.TensorXf
     cut_normals: mi.TensorXf
     second_cut_normals: mi.TensorXf
+    view_shifts: mi.TensorXf
+    mean_views: mi.TensorXf
     sh1_coeffs: mi.TensorXf
     sh2_coeffs: mi.TensorXf
     sh3_coeffs: mi.TensorXf
@@ -131,6 +143,7 @@ class DogShape(mi.Mesh):
     curvature_index: mi.UInt32
     cut_index: mi.UInt32
     second_cut_index: mi.UInt32
+    shift_index: mi.UInt32
     sh1_index: mi.UInt32
     sh2_index: mi.UInt32
     sh3_index: mi.UInt32
@@ -244,19 +257,21 @@ class DogShape(mi.Mesh):
         return transformed(splats, self._matrix()) if self._moves else splats
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
-        """Box of the centres."""
+        """Box of the centres, in all their places where these depend on the view."""
         box = mi.ScalarBoundingBox3f()
         matrix = self._matrix()
         means = on_host(dr.detach(self.means)) @ matrix[:3, :3].T + matrix[:3, 3]
-        if len(means):
-            box.expand(mi.ScalarPoint3f(means.min(0)))
-            box.expand(mi.ScalarPoint3f(means.max(0)))
+        corners = [means.min(0), means.max(0)] if len(means) else []
+        if SHIFTS in self._in_use():
+            corners += box_of_places(self.to_splats())
+        for corner in corners:
+            box.expand(mi.ScalarPoint3f(corner))
         return box
 
     def to_string(self) -> str:
         lines = [f"source = {self.source}", f"primitives = {self.means.shape[0]}"]
         lines.append(f"dog = {len(self.dog_index) if DOG in self.groups else 0}")
-        named = {"slopes": SLOPES, "curvatures": CURVATURES, "cuts": CUTS, "second_cuts": SECOND_CUTS}
+        named = {"slopes": SLOPES, "curvatures": CURVATURES, "cuts": CUTS, "second_cuts": SECOND_CUTS, "shifts": SHIFTS}
         named |= {group.index: group for group in SH.values()}
         lines += [f"{name} = {len(getattr(self, g.index))}" for name, g in named.items() if g in self.groups]
         return "DogShape[\n  " + ",\n  ".join(lines) + "\n]"

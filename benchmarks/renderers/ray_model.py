@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from mi_dogsplat.plugin.ellipsoids import EXTENT
 from mi_dogsplat.reference.forward import MAX_ALPHA, MIN_T
-from mi_dogsplat.reference.projection import LOW_PASS, MIN_ALPHA, Projection, project, rotations, sh_basis
+from mi_dogsplat.reference.projection import LOW_PASS, MIN_ALPHA, Projection, project, sh_basis
+from mi_dogsplat.reference.quaternions import rotations
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 

@@ -12,7 +12,7 @@ import numpy as np
 from mi_dogsplat.datasets import Dataset
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.presets import GIVEN, RECIPES
 from mi_dogsplat.training.train import Trainer
 
 SWEEP_EVERY = 50  # steps between looks at the number of DoG primitives and the clock, as in a run's history
@@ -25,7 +25,7 @@ def pruned_state(config: TrainConfig, dataset: Dataset, out: Path) -> dict[str, 
     path = out / ("_".join([Path(config.data).name, *map(str, settings), *split]) + ".npz")
     if not path.exists():
         recipe = RECIPES[config.preset]
-        trainer = Trainer(config, dataset, replace(recipe, dog=None, slopes=None, cuts=None, second_cuts=None))
+        trainer = Trainer(config, dataset, replace(recipe, dog=None, **dict.fromkeys(GIVEN)))
         while trainer.step_count < _activation(config):
             trainer.step()
         save_checkpoint(path, trainer.state())

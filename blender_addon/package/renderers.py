@@ -89,7 +89,7 @@ class InProcess:
     def convert(self, path: Path, out: Path, bake: bool = False) -> None:
         """A model of any format as a PLY with comments, its DoG kept or baked into plain Gaussians.
 
-        Slopes, curvatures and cuts stay: the whole primitive nearest to one with a cut is elsewhere. Raises
+        Slopes, curvatures, cuts and shifts stay: the whole primitive nearest to one with a cut is elsewhere. Raises
         ``FileError`` and ``RendererError``.
         """
         try:
@@ -148,8 +148,9 @@ class Command:
 
     def convert(self, path: Path, out: Path, bake: bool = False) -> None:
         """As that of ``InProcess``."""
-        how = ("--dog", "bake" if bake else "keep", "--slopes", "keep", "--cuts", "keep", "--refine", "0")
-        words = [*self.words, "export", str(path), "-o", str(out), "--views", "0", *how]
+        kept = "--slopes", "keep", "--cuts", "keep", "--shifts", "keep"
+        how = "--dog", "bake" if bake else "keep", *kept, "--refine", "0", "--views", "0"
+        words = [*self.words, "export", str(path), "-o", str(out), *how]
         try:
             done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
         except OSError as error:

@@ -117,6 +117,7 @@ AS_PUBLISHED = {
     ),
     "ours_second_cuts": Method("ours, with second cuts", RECIPES["ours_second_cuts"], "this project: docs/cuts.md"),
     "ours_curvatures": Method("ours, with curvatures", RECIPES["ours_curvatures"], "this project: docs/curvatures.md"),
+    "ours_shifts": Method("ours, with shifts", RECIPES["ours_shifts"], "this project: docs/shifts.md"),
 }
 
 

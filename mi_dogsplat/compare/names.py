@@ -11,7 +11,8 @@ RIVALS = (
     *("mask_gaussian", "lp_3dgs", "gaussian_spa", "gns"),
     *("taming", "dash", "mcmc", "improved_gs", "3dgs_capped"),
 )
-OURS = ("ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "ours_curvatures")
+OURS = ("ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "ours_curvatures",
+        "ours_shifts")
 """Each adds to the one before it."""
 PUBLISHED = ("3dgs", *RIVALS, "paper", "released", "released_40k", "ours_published", *OURS)
 EQUAL = (

@@ -27,6 +27,7 @@ COLUMNS = {  # name: (heading, digits, which is best: 1 the largest, -1 the smal
     "n_curvatures": ("with curvatures", 0, 0),
     "n_cuts": ("with a cut", 0, 0),
     "n_second_cuts": ("with a second cut", 0, 0),
+    "n_shifts": ("with shifts", 0, 0),
     "megabytes": ("MB", 2, 0),
     "psnr": ("PSNR (dB)", 2, 1),
     "ssim": ("SSIM", 4, 1),

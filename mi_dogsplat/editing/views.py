@@ -15,6 +15,7 @@ from ..engine.options import RasterOptions
 from ..engine.parameters import upload
 from ..render.picture import picture_of
 from ..scene.cameras import Camera
+from ..scene.shifts import seen_from
 from ..scene.splats import Array, Splats
 from ..scores.weights import weights
 from .regions import deviations_along
@@ -66,11 +67,12 @@ def evidence(splats: Splats, cameras: Sequence[Camera], near_clip: float, antial
     free, on = np.zeros(splats.n_splats, int), np.zeros(splats.n_splats, int)
     for camera in cameras:
         surface = picture(camera).aovs["median_depth.Z"]  # [H, W], 0 where there is none
-        pixels, depths = camera.project(splats.means)
+        places = seen_from(splats, camera.position)
+        pixels, depths = camera.project(places)
         rows = np.flatnonzero((depths > near_clip) & ((pixels >= 0) & (pixels < surface.shape[::-1])).all(axis=1))
         column, row = pixels[rows].astype(int).T
         rows, ahead = rows[surface[row, column] > 0], surface[row, column][surface[row, column] > 0]
-        rays = splats.means[rows] - camera.position
+        rays = places[rows] - camera.position
         rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
         margin = np.maximum(DEPTH_SHARE * ahead, DEVIATIONS * deviations_along(splats, rows, rays))
         free[rows] += depths[rows] < ahead - margin

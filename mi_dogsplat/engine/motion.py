@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..scene.row_groups import ALONG_AXES, SH
+from ..scene.row_groups import REVERSED, SH
 from ..scene.sh_basis import sh_basis, sh_basis_table
 from .sh import read_rows
 from .sh_groups import ROW_COEFFICIENTS
@@ -38,7 +38,7 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
     quats = turn * cast(Any, mi.Quaternion4f)(*xyz, dr.select(zero, 1, w))
     log_scales = params["log_scales"] + dr.log(scale)
     result = {**params, "means": _table(means), "quats": _table(quats), "log_scales": log_scales}
-    for name in ALONG_AXES:  # the primitives' own axes, which a mirror image has turned round
+    for name in REVERSED:  # the primitives' own axes, which a mirror image has turned round
         if name in params:
             result[name] = dr.mulsign(params[name], dr.detach(signed))
     size = dr.width(params["sh_coeffs"]) // (3 * n)

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..scene.row_groups import CURVATURES, DOG, GROUPS, OWN_AXES, PLANES, SH, SLOPES
+from ..scene.row_groups import BESIDE_COLORS, CURVATURES, DOG, GROUPS, PLANES, SH, SHIFTS, SLOPES
 from ..scene.sh_basis import sh_degree_of
 from ..scene.splats import DENSE, Splats
 from .project import NO_ROW
@@ -20,7 +20,8 @@ RAW_SLOPES = SLOPES.names
 RAW_CURVATURES = CURVATURES.names
 RAW_CUTS = tuple(name for group in PLANES for name in group.names)
 RAW_OWN_AXES = RAW_SLOPES + RAW_CURVATURES + RAW_CUTS
-ROWS = {group.index: group.row for group in (DOG, *OWN_AXES)}
+RAW_SHIFTS = SHIFTS.names
+ROWS = {group.index: group.row for group in BESIDE_COLORS}
 """Index of a group to the name of its inverse [N], ``rows_of_splats``, where kernels ask for the row of a primitive."""
 
 
@@ -54,7 +55,7 @@ def upload(splats: Splats) -> dict:
     Rows of ``sh1_coeffs`` and ``sh3_coeffs`` are padded, see ``sh_groups.py``.
     """
     params: dict = {name: device_array(getattr(splats, name)) for name in RAW}
-    for group in (DOG, *OWN_AXES):
+    for group in BESIDE_COLORS:
         index = getattr(splats, group.index)
         if len(index):
             params |= {name: device_array(getattr(splats, name)) for name in group.names}

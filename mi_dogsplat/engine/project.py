@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from ..scene.row_groups import OWN_AXES, PLANES
+from ..scene.row_groups import OWN_AXES, PLANES, SHIFTS
 from .curvatures import ROW as CURVATURE_ROW
 from .curvatures import curvatures_on_screen
 from .cuts import COLUMNS as CUT_COLUMNS
@@ -29,8 +29,10 @@ from .cuts import ROW as CUT_ROW
 from .cuts import cut_on_screen
 from .device_camera import DeviceCamera
 from .own_axes import own_axes_per_pixel
-from .sh import evaluate_sh, read_rows
+from .sh import evaluate_sh, read_rows, unit
 from .sh_groups import evaluate_groups, has_groups
+from .shifts import ROW as SHIFT_ROW
+from .shifts import VIEW_ROW, shift
 from .slopes import ROW as SLOPE_ROW
 from .slopes import slopes_on_screen
 
@@ -210,6 +212,19 @@ def _radiance(params: dict, camera: DeviceCamera, direction, index: mi.UInt32, v
     return radiance
 
 
+def _shifted(params: dict, offset: list, direction: list, R: list, scales: list) -> list:
+    """``offset`` from the camera to where the centres are as seen along ``direction``, from that to where they are
+    stored."""
+    if SHIFTS.index not in params:
+        return offset
+    row = params[SHIFTS.row]
+    there = row != NO_ROW
+    shifts = rows(params["view_shifts"], SHIFT_ROW, row, there)
+    views = rows(params["mean_views"], VIEW_ROW, row, there)
+    moved = shift(unit(direction), R, scales, shifts, views, there)
+    return [of_axis + more for of_axis, more in zip(offset, moved, strict=True)]
+
+
 def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
     """Project N primitives; differentiable with respect to every parameter.
 
@@ -222,7 +237,9 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
             ``color_slopes`` [S, 3, 3] when the colour of one varies over it, ``curvature_row`` [N] and
             ``brightness_curvatures`` [B, 6] when the brightness of one curves over it, ``cut_row`` [N] and
             ``cut_normals`` [C, 3] when a plane cuts one off, ``second_cut_row`` and ``second_cut_normals`` when a
-            second one does, groups of SH degrees where primitives have degrees of their own (see ``evaluate_groups``).
+            second one does, ``shift_row`` [N], ``view_shifts`` [V, 3, 3] and ``mean_views`` [V, 3] when the place of
+            one depends on the view, groups of SH degrees where primitives have degrees of their own (see
+            ``evaluate_groups``).
         camera: the view.
         sh_degree: highest degree evaluated (at most the degree stored).
         antialiased: scale opacities by the area that the low-pass filter adds (Mip-Splatting's 2D filter).
@@ -231,21 +248,22 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     index = dr.arange(mi.UInt32, n)
     W = [camera.axis(k) for k in range(3)]
 
-    direction = camera.offset(rows(params["means"], 3, index))
-    px, py, depth = (camera.turned(direction, axis) for axis in range(3))
+    offset = camera.offset(rows(params["means"], 3, index))
+    direction = offset if camera.perspective else W[2]  # where rays are parallel, all are seen along the axis
+    quats = read_rows(params["quats"], 4, 4, index)
+    R = rotation_matrix(quats)
+    log_scales = rows(params["log_scales"], 3, index)
+    scales = [dr.exp(s) for s in log_scales]
+    offset = _shifted(params, offset, direction, R, scales)
+    px, py, depth = (camera.turned(offset, axis) for axis in range(3))
     visible = camera.in_range(depth)
     if camera.perspective:
         x, y, JW = _through_pinhole(camera, W, px, py, depth, visible)
     else:
         x, y = dr.fma(camera.fx, px, camera.cx), dr.fma(camera.fy, py, camera.cy)
         JW = [[camera.fx * W[0][c] for c in range(3)], [camera.fy * W[1][c] for c in range(3)]]
-        direction = W[2]  # all primitives are seen along the axis
 
-    quats = read_rows(params["quats"], 4, 4, index)
-    R = rotation_matrix(quats)
     axes = [[JW[r][0] * R[0][c] + JW[r][1] * R[1][c] + JW[r][2] * R[2][c] for c in range(3)] for r in range(2)]
-    log_scales = rows(params["log_scales"], 3, index)
-    scales = [dr.exp(s) for s in log_scales]
     log2_opacity = -LOG2_E * softplus(-params["logit_opacities"])
     kernels = _screen_kernels(axes, scales, log2_opacity, antialiased)
     visible &= all_finite([x, y, kernels.ux, kernels.uy, *log_scales, *quats]) & ~dr.isnan(log2_opacity)

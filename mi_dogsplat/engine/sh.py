@@ -14,12 +14,18 @@ import mitsuba as mi
 from ..scene.sh_basis import sh_basis
 
 
-def unit_basis(direction: list, degree: int) -> list:
-    """``sh_basis`` at directions of any length; one that has none counts as any."""
+def unit(direction: list) -> list:
+    """Directions of any length as unit vectors; one that has none stays zero."""
     x, y, z = direction
     norm2 = x * x + y * y + z * z
     inv = dr.rsqrt(dr.select(norm2 > 0, norm2, 1))  # a primitive on the camera centre has no direction
-    return sh_basis(x * inv, y * inv, z * inv, degree)
+    return [x * inv, y * inv, z * inv]
+
+
+def unit_basis(direction: list, degree: int) -> list:
+    """``sh_basis`` at directions of any length."""
+    x, y, z = unit(direction)
+    return sh_basis(x, y, z, degree)
 
 
 def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Bool, degree: int) -> list:

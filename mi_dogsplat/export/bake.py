@@ -48,6 +48,7 @@ def baked(splats: Splats) -> Splats:
         values *= wider[getattr(plain, group.index)].reshape(values.shape[:2] + (1,) * (values.ndim - 2))
     of_curved = wider[plain.curvature_index]
     plain.brightness_curvatures *= np.stack([of_curved[:, a] * of_curved[:, b] for a, b in ENTRIES], axis=1)
+    plain.view_shifts /= wider[plain.shift_index][:, :, None]  # which are in standard deviations
     return plain
 
 

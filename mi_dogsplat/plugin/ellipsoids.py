@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..formats.model import Model
-from ..scene.row_groups import OWN_AXES
+from ..scene.row_groups import BESIDE_COLORS, DOG
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..scene.whole import whole
@@ -37,7 +37,8 @@ def to_ellipsoids(
 
     An ellipsoid is one whole Gaussian of one colour: of a DoG primitive the positive one is kept, what the
     pseudo-Gaussian subtracts is left out, where a colour varies over its primitive the mean is kept, by slopes that at
-    the centre, and a primitive that planes cut off becomes the whole one nearest to it.
+    the centre, a primitive that planes cut off becomes the whole one nearest to it, and one whose place depends on the
+    view stands where it is stored.
     Left out too are primitives that are not drawn: those fainter than 1/255, and those with values that are not
     finite. What is left out is reported by a warning of Mitsuba's logger.
 
@@ -80,10 +81,10 @@ def _drawn(splats: Splats) -> np.ndarray:
     finite = np.isfinite(splats.opacities) & (splats.opacities >= MIN_OPACITY)
     for values in (splats.means, splats.scales, splats.quats, splats.uniform_sh().sh_coeffs):
         finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
-    for group in OWN_AXES:
-        (name,) = group.names
-        values = getattr(splats, name)
-        finite[getattr(splats, group.index)] &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    for group in (group for group in BESIDE_COLORS if group is not DOG):
+        for name in group.names:
+            values = getattr(splats, name)
+            finite[getattr(splats, group.index)] &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return finite
 
 
@@ -107,6 +108,8 @@ def _report(splats: Splats, n_hidden: int, linear: bool) -> None:
         left_out.append(f"the curvatures of {counted(splats.n_curvatures, 'primitive')}")
     if n_cut := splats.is_cut.sum():
         left_out.append(f"the cuts of {counted(n_cut, 'primitive')}")
+    if splats.n_shifts:
+        left_out.append(f"the shifts of {counted(splats.n_shifts, 'primitive')}")
     if n_hidden:
         left_out.append(f"{n_hidden} of {splats.n_splats} primitives that are fainter than 1/255 or not finite")
     if left_out:

@@ -80,8 +80,8 @@ def lamps_of(params: dict, linear: bool) -> SplatLamps | None:
 
     A colour that varies over its primitive counts with its mean. Of slopes that is the colour of the centre: what they
     add on one side they take on the other. Curvatures make it brighter than that, or darker (``mean_brightness``). A
-    primitive that is cut off counts as whole. Where paths aim changes no mean, and what they find there varies and is
-    cut off as it is.
+    primitive that is cut off counts as whole, and one whose place depends on the view stands where it is stored. Where
+    paths aim changes no mean, and what they find there varies, is cut off and stands elsewhere as it is.
 
     Args:
         params: raw parameters as flat arrays; constants here.

@@ -12,7 +12,8 @@ from .forward import (
            render,
            tiles,
 )
-from .projection import LOW_PASS, MIN_ANTIALIAS_RATIO, project, rotations, sh_basis
+from .projection import LOW_PASS, MIN_ANTIALIAS_RATIO, project, sh_basis
+from .quaternions import rotations
 
 __all__ = ["LOW_PASS", "MAX_ALPHA", "MIN_ANTIALIAS_RATIO", "MIN_T", "RAW_PARAMETERS", "composite", "depth_order",
            "kernels", "loss_gradients", "pixel_centres", "project", "render", "rotations", "sh_basis", "tiles"]

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .forward import MAX_ALPHA, MAX_T, MIN_T, depth_order, kernels, pixel_centres
-from .projection import MIN_ALPHA, project, rotations
+from .projection import MIN_ALPHA, project
+from .quaternions import rotations
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera

@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from ..scene.row_groups import OWN_AXES
+from ..scene.row_groups import OWN_AXES, SHIFTS
 from .mixed_sh import group_names, sh_groups
-from .own_axes import index_of, kept, own_axes_names
+from .own_axes import index_of, kept, names_of_rows
 from .projection import MIN_ALPHA, Projection, project
 
 if TYPE_CHECKING:
@@ -43,13 +43,13 @@ RAW_PARAMETERS = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"
 
 def raw_names(splats: Splats) -> tuple[str, ...]:
     """`RAW_PARAMETERS` and those that only some models have."""
-    return RAW_PARAMETERS + own_axes_names(splats) + group_names(splats)
+    return RAW_PARAMETERS + names_of_rows(splats) + group_names(splats)
 
 
 def raw_indices(splats: Splats) -> dict[str, np.ndarray]:
     """The primitives of those that only some primitives have."""
     of_degrees = {f"sh{degree}_index": index for degree, index in sh_groups(splats).items()}
-    return {"dog_index": splats.dog_index} | {g.index: index_of(splats, g) for g in OWN_AXES} | of_degrees
+    return {"dog_index": splats.dog_index} | {g.index: index_of(splats, g) for g in (*OWN_AXES, SHIFTS)} | of_degrees
 
 
 def depth_order(projection: Projection) -> np.ndarray:

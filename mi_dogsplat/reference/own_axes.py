@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..scene.cuts import OFFSET, STEEPEST
-from ..scene.row_groups import OWN_AXES, RowGroup
+from ..scene.row_groups import OWN_AXES, SHIFTS, RowGroup
 
 if TYPE_CHECKING:
     from ..scene.splats import Splats
@@ -34,10 +34,15 @@ def index_of(splats: Splats, group: RowGroup) -> np.ndarray:
 
 def values_of(splats: Splats, group: RowGroup) -> np.ndarray:
     """What they have along their axes, float64: [S, 3, 3] slopes, [B, 6] curvatures or [C, 3] normals."""
-    ((name, row),) = group.arrays.items()
+    (values,) = arrays_of(splats, group)
+    return values
+
+
+def arrays_of(splats: Splats, group: RowGroup) -> tuple[np.ndarray, ...]:
+    """The arrays of a group, float64."""
     if not len(index_of(splats, group)):
-        return np.zeros((0, *row))
-    return np.asarray(getattr(splats, name), np.float64)
+        return tuple(np.zeros((0, *row)) for row in group.arrays.values())
+    return tuple(np.asarray(getattr(splats, name), np.float64) for name in group.arrays)
 
 
 def quadratic_forms(rows: np.ndarray) -> np.ndarray:
@@ -46,9 +51,9 @@ def quadratic_forms(rows: np.ndarray) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
 
 
-def own_axes_names(splats: Splats) -> tuple[str, ...]:
-    """Names of the arrays that there are."""
-    return tuple(name for group in OWN_AXES for name in group.names if len(index_of(splats, group)))
+def names_of_rows(splats: Splats) -> tuple[str, ...]:
+    """Names of the arrays that there are: of slopes, curvatures, cuts and shifts."""
+    return tuple(name for group in (*OWN_AXES, SHIFTS) for name in group.names if len(index_of(splats, group)))
 
 
 def kept(along_normal: np.ndarray) -> np.ndarray:

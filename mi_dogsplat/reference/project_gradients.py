@@ -9,7 +9,7 @@ Notation of `forward.py`, and
 From d log G = d^T conic dSigma' conic d / 2 with D = sum δlog G d d^T and B = conic C:
     E = B^T D B,   δlog_scales_k = s_k^2 E_kk,   δω = (s_2^2 - s_3^2) E_23 and cyclic,   δJ = conic D B S^2 (W R)^T
 where ω turns the primitive about its own axes, R exp([ω]). What comes through slopes and cuts is in
-`own_axes_gradients.py`.
+`own_axes_gradients.py`, what comes through shifts in `shifts.py`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scene.row_groups import CURVATURES, PLANES, SLOPES
+from ..scene.row_groups import CURVATURES, PLANES, SHIFTS, SLOPES
 from .forward import RAW_PARAMETERS
 from .mixed_sh import padded_sh, unpadded_sh
 from .own_axes import index_of, values_of
@@ -28,10 +28,11 @@ from .projection import (
     MIN_ANTIALIAS_RATIO,
     Projection,
     conics_times_axes,
-    rotations,
     sh_basis,
     sigmoid,
 )
+from .quaternions import quats_backward, rotations
+from .shifts import seen_from, shifts_backward
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -62,7 +63,7 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
 
     # both rows of J W are focal / z (W_0 - tangent W_2), with x / z or y / z for the tangent
     W, focal, centre = camera.w2c[:3, :3], np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
-    position = means @ W.T + camera.w2c[:3, 3]
+    position = seen_from(splats, camera)[seen] @ W.T + camera.w2c[:3, 3]
     z, size = position[:, 2:], np.array([camera.width, camera.height])
     tangents, low, high = position[:, :2] / z, -(centre + 0.15 * size) / focal, (1.15 * size - centre) / focal
     bases = W[:2] - np.clip(tangents, low, high)[:, :, None] * W[2]  # [n, 2, 3]
@@ -105,15 +106,25 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
         for whole, part in zip((δlog_scales, δω, δC), parts, strict=True):
             whole[at] += part
 
-    δ["log_scales"][seen] = δlog_scales
-    δ["quats"][seen] = _quats_backward(raw["quats"][seen], δω)
-
     δJW = δC @ R.swapaxes(1, 2)
     δfocal_by_z = (δJW * bases).sum(2)  # [n, 2]
     inside = (tangents > low) & (tangents < high)
     δtangents = focal * (δmeans2d - np.where(inside, δJW @ W[2], 0) / z)
     δz = -((δfocal_by_z * focal / z + δtangents * tangents) / z).sum(1, keepdims=True)
-    δ["means"][seen] += np.concatenate([δtangents / z, δz], axis=1) @ W
+    δcentres = np.concatenate([δtangents / z, δz], axis=1) @ W
+    δ["means"][seen] += δcentres
+
+    index = index_of(splats, SHIFTS)
+    if len(index):
+        found = np.flatnonzero(p.visible[index])  # rows of the group
+        at = np.searchsorted(seen, index[found])
+        δmeans, *parts, of_shifts = shifts_backward(splats, camera, found, δcentres[at])
+        δ["means"][index[found]] += δmeans
+        for whole, part in zip((δlog_scales, δω), parts, strict=True):
+            whole[at] += part
+        δ |= of_shifts
+    δ["log_scales"][seen] = δlog_scales
+    δ["quats"][seen] = quats_backward(raw["quats"][seen], δω)
     return δ | unpadded_sh(δ["sh_coeffs"], splats)
 
 
@@ -156,11 +167,3 @@ def _colors_backward(means: np.ndarray, sh: np.ndarray, camera: Camera,
         δdirs[:, axis] = (δbasis * (8 * near - far) / 6).sum(1)
     δmeans = (δdirs - dirs * (dirs * δdirs).sum(1, keepdims=True)) / distances
     return δmeans, sh_basis(dirs, degree)[:, :, None] * δcolors[:, None, :]
-
-
-def _quats_backward(quats: np.ndarray, δω: np.ndarray) -> np.ndarray:
-    """δquats [n, 4], xyzw, from ω = 2 Im(conj(q) dq) / |q|^2 in the axes of the primitive; 0 for a quaternion 0."""
-    length = np.linalg.norm(quats, axis=1, keepdims=True)
-    v, w = np.split(quats / np.where(length > 0, length, np.inf), [3], axis=1)
-    δunit = 2 * np.concatenate([w * δω + np.cross(v, δω), -(v * δω).sum(1, keepdims=True)], axis=1)
-    return δunit / np.where(length > 0, length, 1)

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scene.row_groups import CURVATURES, OWN_AXES, PLANES, SLOPES
+from ..scene.row_groups import CURVATURES, OWN_AXES, PLANES, SHIFTS, SLOPES
 from .mixed_sh import padded_sh
-from .own_axes import index_of, largest_kept, no_steeper, quadratic_forms, values_of
+from .own_axes import arrays_of, index_of, largest_kept, no_steeper, quadratic_forms, values_of
+from .quaternions import rotations
+from .shifts import seen_from
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -26,7 +28,7 @@ class Projection:
 
     visible: np.ndarray  # [N] bool, in front of the near plane and everything finite (but for logit opacities)
     means2d: np.ndarray  # [N, 2] px
-    depths: np.ndarray  # [N] camera z of the centre
+    depths: np.ndarray  # [N] camera z of the centre, where the camera sees it
     cov2d: np.ndarray  # [N, 3] px^2, with the low-pass
     conics: np.ndarray  # [N, 3] inverse of cov2d
     opacities: np.ndarray  # [N] with the antialias factor, if any
@@ -66,15 +68,6 @@ def sh_basis(dirs: np.ndarray, degree: int) -> np.ndarray:
                   c30 * z * (2 * zz - 3 * xx - 3 * yy),
                   -c31 * x * (4 * zz - xx - yy), c32 / 2 * z * (xx - yy), -c33 * x * (xx - 3 * yy)]
     return np.stack(basis, axis=1)
-
-
-def rotations(quats: np.ndarray) -> np.ndarray:
-    """Rotation matrices [N, 3, 3] of quaternions [N, 4] (x, y, z, w) of any length; 0 gives the identity."""
-    length = np.linalg.norm(quats, axis=1, keepdims=True)
-    unit = np.where(length > 0, quats / np.where(length > 0, length, 1), [0, 0, 0, 1])
-    v, w = unit[:, :3], unit[:, 3, None, None]
-    cross = np.cross(v[:, None, :], np.eye(3)[None]).swapaxes(1, 2)  # [N, 3, 3], cross @ u = v x u
-    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
 
 
 def sigmoid(x: np.ndarray) -> np.ndarray:
@@ -125,8 +118,8 @@ def _finite_parameters(splats: Splats, sh: np.ndarray) -> np.ndarray:
     finite &= ~np.isnan(splats.logit_opacities)
     dog = np.asarray(splats.dog_index, np.int64)
     finite[dog] &= np.isfinite(splats.dog_log_scales).all(1) & ~np.isnan(splats.dog_logit_opacities)
-    for group in OWN_AXES:
-        finite[index_of(splats, group)] &= _finite_rows(values_of(splats, group))
+    for group in (*OWN_AXES, SHIFTS):
+        finite[index_of(splats, group)] &= _finite_rows(*arrays_of(splats, group))
     return finite
 
 
@@ -145,7 +138,7 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
     degree = degree if sh_degree is None else sh_degree
     W, t = camera.w2c[:3, :3], camera.w2c[:3, 3]
 
-    x, y, z = (means @ W.T + t).T
+    x, y, z = (seen_from(splats, camera) @ W.T + t).T
     means2d = np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=1)
     # Far outside the image the linearisation explodes: take J at most 15 % of an image outside.
     margin_x, margin_y = 0.15 * camera.width, 0.15 * camera.height

@@ -8,6 +8,8 @@ larger ones of r s and r_p F s, r and r_p being the radii, in standard deviation
 A colour that varies over its primitive is that of the point where the primary is largest: w there, in standard
 deviations, is what the primary expects of a point of the ray. So is what cuts leave of both kernels. The radii of a
 primitive that is cut off are those of its kernels as large as cuts may make them, each 1 + e^-4 times as opaque.
+
+A primitive whose place depends on the view stands where it does along the direction of the ray.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ from ..scene.row_groups import CURVATURES, PLANES, SLOPES
 from .forward import MAX_ALPHA, MAX_T, MIN_T
 from .mixed_sh import padded_sh
 from .own_axes import index_of, kept, largest_kept, quadratic_forms, values_of
-from .projection import MIN_ALPHA, rotations, sh_basis, sigmoid
+from .projection import MIN_ALPHA, sh_basis, sigmoid
+from .quaternions import rotations
+from .shifts import seen_along
 
 if TYPE_CHECKING:
     from ..scene.splats import Splats
@@ -45,9 +49,11 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
     scales = np.exp(np.asarray(splats.log_scales, np.float64))  # [N, 3]
     opacities = sigmoid(np.asarray(splats.logit_opacities, np.float64))
     R = rotations(np.asarray(splats.quats, np.float64))
-    away = np.asarray(origins, np.float64)[:, None] - np.asarray(splats.means, np.float64)[None]
+    directions = np.asarray(directions, np.float64)
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    away = np.asarray(origins, np.float64)[:, None] - seen_along(splats, unit)
     o = np.einsum("nij,pni->pnj", R, away)  # [P, N, 3] in the frames of the primitives
-    d = np.einsum("nij,pi->pnj", R, np.asarray(directions, np.float64))
+    d = np.einsum("nij,pi->pnj", R, directions)
 
     largest, at = _largest(o / scales, d / scales)
     w = (o + at[..., None] * d) / scales  # [P, N, 3]
@@ -74,7 +80,6 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
     if not smooth:
         alphas[np.abs(alphas) < MIN_ALPHA] = 0
 
-    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     sh = padded_sh(splats)
     basis = sh_basis(unit, int(np.sqrt(sh.shape[1])) - 1 if sh_degree is None else sh_degree)
     colors = np.maximum(np.einsum("pk,nkc->pnc", basis, sh[:, : basis.shape[1]]) + 0.5, 0)

@@ -13,6 +13,7 @@ COUNTED = {
     "n_curvatures": "with curvatures",
     "n_cuts": "with a cut",
     "n_second_cuts": "with a second cut",
+    "n_shifts": "with shifts",
 }
 """Kinds of primitives, by the names of their numbers in models, optimizers and files of a run."""
 

@@ -12,7 +12,7 @@ near, neither by the sum of squares of the covariance's entries nor by the Kullb
 
 What was seen along a direction d is seen along A d / |A d| afterwards. That is no polynomial in the direction any more:
 coefficients of spherical harmonics become those of the nearest function of the same degree, in the mean of squares over
-all directions. docs/transforms.md has how near.
+all directions. So do places that depend on the view, which are linear in it. docs/transforms.md has how near.
 """
 
 from __future__ import annotations
@@ -99,6 +99,18 @@ def sh_projection(linear: Array, degree: int) -> Array:
 
     The first rows and columns are the matrix of the lower degree: a projection does not depend on what else there is.
     """
+    directions, weights, back = _sphere(linear)
+    return (sh_basis_table(directions, degree) * weights[:, None]).T @ sh_basis_table(back, degree)
+
+
+def view_projection(linear: Array) -> Array:
+    """Matrix [3, 3] that takes a unit vector d nearest to A⁻¹ d / |A⁻¹ d|, in the mean of squares over all of them."""
+    directions, weights, back = _sphere(linear)
+    return 3 / (4 * np.pi) * (back * weights[:, None]).T @ directions
+
+
+def _sphere(linear: Array) -> tuple[Array, Array, Array]:
+    """A quadrature over directions d [D, 3]: (these, their weights [D], A⁻¹ d / |A⁻¹ d|)."""
     heights, weights = np.polynomial.legendre.leggauss(POLAR)
     angles = np.arange(AROUND) * 2 * np.pi / AROUND
     z, angle = (grid.ravel() for grid in np.meshgrid(heights, angles, indexing="ij"))
@@ -106,6 +118,5 @@ def sh_projection(linear: Array, degree: int) -> Array:
     directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
     back = directions @ np.linalg.inv(linear).T
     back /= np.linalg.norm(back, axis=1, keepdims=True)
-    weighted = sh_basis_table(directions, degree) * np.repeat(weights * 2 * np.pi / AROUND, AROUND)[:, None]
-    return weighted.T @ sh_basis_table(back, degree)
+    return directions, np.repeat(weights * 2 * np.pi / AROUND, AROUND), back
 

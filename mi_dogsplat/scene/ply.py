@@ -6,7 +6,8 @@ index, float dog_opacity, float dog_scale_0..2), one row per DoG primitive, abse
 ``slopes`` (uint index, float slope_0..8: by axis, then channel), one row per primitive whose colour varies over it;
 then ``curvatures`` (uint index, float curvature_0..5), one row per primitive whose brightness curves over it;
 then ``cuts`` (uint index, float cut_0..2), one row per primitive that a plane cuts off, and ``second_cuts``, alike, one
-per primitive that a second one cuts off. All values are raw.
+per primitive that a second one cuts off; then ``shifts`` (uint index, float shift_0..8: by axis of the move, then of
+the view, float view_0..2), one row per primitive whose place depends on the view. All values are raw.
 
 A model whose primitives have SH degrees of their own is padded with zeros to the highest one, or, in the layout
 "rows", written with f_dc_* alone in ``vertex``, and at the end an element ``sh1``, ``sh2``, ``sh3`` for each degree
@@ -31,7 +32,7 @@ from ..support.errors import DataError, writing
 from ..support.files import replacing
 from ..support.wording import counted
 from .ply_tables import NOT_3DGS, TableReader, check_finite
-from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SLOPES, Array, in_several
+from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SHIFTS, SLOPES, Array, RowGroup, in_several
 from .splats import Splats
 
 _POSITION = ("x", "y", "z")
@@ -45,13 +46,14 @@ _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 _NOT_WRITTEN = "nothing was written; remove those primitives or train with smaller steps"
 _SH_ELEMENTS = {degree: f"sh{degree}" for degree in SH}
-_OVER_PRIMITIVES = {
-    "slopes": (SLOPES, "slope"),
-    "curvatures": (CURVATURES, "curvature"),
-    "cuts": (CUTS, "cut"),
-    "second_cuts": (SECOND_CUTS, "cut"),
+_OF_SOME = {
+    "slopes": (SLOPES, ("slope",)),
+    "curvatures": (CURVATURES, ("curvature",)),
+    "cuts": (CUTS, ("cut",)),
+    "second_cuts": (SECOND_CUTS, ("cut",)),
+    "shifts": (SHIFTS, ("shift", "view")),
 }
-"""By element: its group, and how its columns begin."""
+"""By element: its group, and how the columns of each of its arrays begin."""
 
 
 def read_ply(path: str | Path) -> Splats:
@@ -75,7 +77,7 @@ def read_ply_and_comments(path: str | Path) -> tuple[Splats, list[str]]:
 
 
 def _read_model(reader: TableReader) -> Splats:
-    tables = reader.tables({"vertex", "dog", *_OVER_PRIMITIVES, *_SH_ELEMENTS.values()})
+    tables = reader.tables({"vertex", "dog", *_OF_SOME, *_SH_ELEMENTS.values()})
     if "vertex" not in tables:
         reader.fail('there is no element "vertex"', NOT_3DGS)
     vertex = tables["vertex"]
@@ -99,7 +101,7 @@ def _read_model(reader: TableReader) -> Splats:
         dog_index=dog_index,
         dog_logit_opacities=dog[:, 0],
         dog_log_scales=dog[:, 1:],
-        **_read_over_primitives(reader, tables, len(means)),
+        **_read_of_some(reader, tables, len(means)),
         **_read_sh_groups(reader, tables, len(means), n_rest),
     )
 
@@ -118,16 +120,17 @@ def _read_dog(reader: TableReader, tables: dict[str, Array], n_splats: int) -> t
     return index, reader.columns(tables["dog"], "dog", _DOG)[order]
 
 
-def _read_over_primitives(reader: TableReader, tables: dict[str, Array], n_splats: int) -> dict[str, Array]:
-    """The arrays of what varies over primitives, of those that are there."""
+def _read_of_some(reader: TableReader, tables: dict[str, Array], n_splats: int) -> dict[str, Array]:
+    """The arrays of slopes and so on, of those that are there."""
     found: dict[str, Array] = {}
-    for element, (group, column) in _OVER_PRIMITIVES.items():
+    for element, (group, columns) in _OF_SOME.items():
         if element in tables:
             row = f"primitive with {element.replace('_', ' ')}"
             index, order = _read_index(reader, tables[element], element, n_splats, row)
-            ((name, shape),) = group.arrays.items()
-            values = reader.columns(tables[element], element, _numbered(column, shape))[order]
-            found |= {group.index: index, name: values.reshape(-1, *shape)}
+            found[group.index] = index
+            for column, (name, shape) in zip(columns, group.arrays.items(), strict=True):
+                values = reader.columns(tables[element], element, _numbered(column, shape))[order]
+                found[name] = values.reshape(-1, *shape)
     return found
 
 
@@ -155,7 +158,7 @@ def _read_index(reader: TableReader, table: Array, element: str, n_splats: int, 
     """(the column ``index`` [M] of an element, sorted, the rows in that order); ``row`` is what a row stands for."""
     reader.columns(table, element, ("index",))  # it is there and finite; float32 would round it
     index = table["index"].astype(np.float64)  # [M] any 32-bit integer is exact
-    data = "DoG" if element == "dog" else element.rstrip("s").replace("_", " ") if element in _OVER_PRIMITIVES else "SH"
+    data = "DoG" if element == "dog" else element.rstrip("s").replace("_", " ") if element in _OF_SOME else "SH"
     remedy = f"write the {data} data again, one row per {row}"
     bad = np.flatnonzero((index < 0) | (index >= n_splats) | (index != np.floor(index)))
     if bad.size:
@@ -207,10 +210,9 @@ def write_ply(
 
     dog = np.concatenate([splats.dog_logit_opacities[:, None], splats.dog_log_scales], axis=1)  # [M, 4]
     groups: list[tuple[str, tuple[str, ...], Array, Array]] = [("dog", _DOG, splats.dog_index, dog)]
-    for element, (group, column) in _OVER_PRIMITIVES.items():
-        ((name, shape),) = group.arrays.items()
-        names, index = _numbered(column, shape), getattr(splats, group.index)
-        groups.append((element, names, index, getattr(splats, name).reshape(-1, len(names))))
+    for element, (group, columns) in _OF_SOME.items():
+        names, values = _columns_of(splats, group, columns)
+        groups.append((element, names, getattr(splats, group.index), values))
     for degree, element in _SH_ELEMENTS.items():
         (name,) = SH[degree].names
         rest = _by_channel(getattr(splats, name))
@@ -262,6 +264,15 @@ def _by_coefficient(rest: Array) -> Array:
 def _by_channel(coeffs: Array) -> Array:
     """SH coefficients [n, K-1, 3] as columns f_rest_* [n, 3 (K-1)]."""
     return coeffs.transpose(0, 2, 1).reshape(len(coeffs), 3 * coeffs.shape[1])
+
+
+def _columns_of(splats: Splats, group: RowGroup, columns: tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
+    """(names of the columns of a group, its values [M, columns])."""
+    names, values = [], []
+    for column, (name, shape) in zip(columns, group.arrays.items(), strict=True):
+        names += _numbered(column, shape)
+        values.append(getattr(splats, name).reshape(-1, math.prod(shape)))
+    return tuple(names), np.concatenate(values, axis=1)
 
 
 def _numbered(column: str, shape: tuple[int, ...]) -> tuple[str, ...]:

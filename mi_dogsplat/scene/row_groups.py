@@ -2,8 +2,8 @@
 
 Row ``j`` of a group's arrays belongs to primitive ``index[j]``; every other primitive pays nothing for the group. A
 group of its own is what makes a primitive DoG, what lets its colour vary from end to end, and its brightness from the
-middle outwards, what cuts it off along a plane, and along a second one, and what each degree of view-dependent colour
-takes.
+middle outwards, what cuts it off along a plane, and along a second one, what lets its place depend on the view, and
+what each degree of view-dependent colour takes.
 """
 
 from __future__ import annotations
@@ -48,15 +48,20 @@ CUTS = RowGroup("cut_index", {"cut_normals": (3,)})
 SECOND_CUTS = RowGroup("second_cut_index", {"second_cut_normals": (3,)})
 PLANES = (CUTS, SECOND_CUTS)
 """Each may cut a primitive off, with or without the other."""
+SHIFTS = RowGroup("shift_index", {"view_shifts": (3, 3), "mean_views": (3,)})
 SH = {
     degree: RowGroup(f"sh{degree}_index", {f"sh{degree}_coeffs": ((degree + 1) ** 2 - 1, 3)})
     for degree in range(1, MAX_SH_DEGREE + 1)
 }
 OWN_AXES = (SLOPES, CURVATURES, *PLANES)
 """What is told along the primitives' own axes."""
-GROUPS = (DOG, *OWN_AXES, *SH.values())
+BESIDE_COLORS = (DOG, *OWN_AXES, SHIFTS)
+"""All but those of view-dependent colour."""
+GROUPS = (*BESIDE_COLORS, *SH.values())
 ALONG_AXES = {name: group for group in (SLOPES, *PLANES) for name in group.names}
 """Arrays whose rows are per standard deviation along the axes of their primitive; the axis comes first."""
+REVERSED = (*ALONG_AXES, "mean_views")
+"""Arrays that change their sign where the axes of their primitive are turned round."""
 
 
 def checked_index(name: str, index: ArrayLike, n_splats: int) -> Array:

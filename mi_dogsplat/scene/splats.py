@@ -3,8 +3,9 @@
 Raw values are what is stored, trained and written; properties without ``log_``/``logit_`` are activated.
 Some parts are sparse (``row_groups.py``): row ``j`` of the ``dog_*`` arrays belongs to primitive ``dog_index[j]``,
 every other primitive is a plain Gaussian and pays nothing for it. So it is with colours that vary over their primitive
-(docs/slopes.md, docs/curvatures.md), with primitives that planes cut off (docs/cuts.md), and with colours that vary
-with the direction: a model is uniform, all primitives of one SH degree, or mixed, with a group for each degree above 0.
+(docs/slopes.md, docs/curvatures.md), with primitives that planes cut off (docs/cuts.md) or whose place depends on the
+view (docs/shifts.md), and with colours that vary with the direction: a model is uniform, all primitives of one SH
+degree, or mixed, with a group for each degree above 0.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from .row_groups import (
     PLANES,
     SECOND_CUTS,
     SH,
+    SHIFTS,
     SLOPES,
     Array,
     RowGroup,
@@ -86,6 +88,13 @@ class Splats:
     """[C2] strictly increasing: the primitives that a second plane cuts off"""
     second_cut_normals: Array = _no_rows(3)
     """[C2, 3] normals of these planes, as of the others"""
+    shift_index: Array = _no_rows(dtype=np.uint32)
+    """[V] strictly increasing: the primitives whose place depends on the view"""
+    view_shifts: Array = _no_rows(3, 3)
+    """[V, 3, 3] by how many standard deviations along each axis of their own they move when the direction from which
+    they are seen changes by 1 along each of these axes: axis of the move, axis of the direction"""
+    mean_views: Array = _no_rows(3)
+    """[V, 3] the direction, along their own axes, from which they are seen where they are stored; at most 1 long"""
     sh1_index: Array = _no_rows(dtype=np.uint32)
     """[M1] strictly increasing: the primitives of degree 1, in a mixed model"""
     sh1_coeffs: Array = _no_rows(3, 3)
@@ -181,6 +190,11 @@ class Splats:
     def n_second_cuts(self) -> int:
         """C2, the number of primitives that a second plane cuts off."""
         return self.second_cut_index.shape[0]
+
+    @property
+    def n_shifts(self) -> int:
+        """V, the number of primitives whose place depends on the view."""
+        return self.shift_index.shape[0]
 
     @property
     def is_varied(self) -> Array:
@@ -307,6 +321,10 @@ class Splats:
     def without_second_cuts(self) -> Splats:
         """All N primitives, cut off by one plane at most."""
         return self._without(SECOND_CUTS)
+
+    def without_shifts(self) -> Splats:
+        """All N primitives where they are on average over the views of their training, whatever the view."""
+        return self._without(SHIFTS)
 
     def _without(self, *groups: RowGroup) -> Splats:
         left_out = [name for group in groups for name in (group.index, *group.names)]

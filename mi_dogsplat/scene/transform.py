@@ -10,10 +10,19 @@ from typing import Any
 
 import numpy as np
 
+from . import shifts
 from .curvatures import turned
-from .linear_map import check_regular, mapped_axes, mapped_factors, mapped_kernels, sh_projection, turns_of_axes
-from .quaternions import quaternion_from_rotation, quaternion_product
-from .row_groups import ALONG_AXES, SH
+from .linear_map import (
+    check_regular,
+    mapped_axes,
+    mapped_factors,
+    mapped_kernels,
+    sh_projection,
+    turns_of_axes,
+    view_projection,
+)
+from .quaternions import quaternion_from_rotation, quaternion_product, rotation_from_quaternion
+from .row_groups import ALONG_AXES, REVERSED, SH
 from .sh_basis import sh_basis_table
 from .splats import Splats
 
@@ -90,7 +99,7 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
     of_groups = {name: turned_bands(getattr(splats, name), 1) for group in groups for name in group.names}
     turns = np.linalg.det(isometry) > 0
     rotation = isometry if turns else -isometry  # the same of a kernel, which is symmetric; its axes are turned round
-    along_axes = {name: getattr(splats, name) * np.float32(1 if turns else -1) for name in ALONG_AXES}
+    along_axes = {name: getattr(splats, name) * np.float32(1 if turns else -1) for name in REVERSED}
     return replace(
         splats,
         means=splats.means.astype(np.float64) @ (scale * isometry).T + translation,
@@ -122,6 +131,12 @@ def _mapped(splats: Splats, linear: np.ndarray) -> dict[str, Any]:
         found[name] = mapped_axes(linear, *of(getattr(splats, group.index)), getattr(splats, name))
     turn = turns_of_axes(linear, *of(splats.curvature_index))
     found["brightness_curvatures"] = turned(splats.brightness_curvatures, turn)
+    if splats.n_shifts:
+        old, new = (rotation_from_quaternion(kernels[0][splats.shift_index]) for kernels in (before, after))
+        directions = old.swapaxes(1, 2) @ view_projection(linear) @ new
+        moves = turns_of_axes(linear, *of(splats.shift_index))
+        along, views = shifts.turned(splats.view_shifts, splats.mean_views, moves, directions)
+        found |= {"view_shifts": along, "mean_views": views}
     return found
 
 

@@ -13,7 +13,8 @@ with three numbers that depend on |n| alone. So the centre moves by m towards n,
 it, and its opacity is multiplied by a. Its pseudo-Gaussian goes along as a part of it. Where the colour varies over the
 primitive, each place of a picture keeps its own, on average over the views. But a primitive that had no slopes ends
 without: those that its curvatures give it about the new centre are left out. What a second plane cuts off is then a
-Gaussian again, along other axes and at another distance, so that it follows the first one.
+Gaussian again, along other axes and at another distance, so that it follows the first one. A primitive whose place
+depends on the view moves as it did.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from . import shifts
 from .across import across_views
 from .curvatures import matrices, turned
 from .cuts import LARGEST, OFFSET
@@ -78,11 +80,12 @@ def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
     across = across_views(splats.log_scales[at])  # [C, 3]
     normals = counted(across) * plane.normals
     lengths = np.linalg.norm(normals, axis=1)
-    shift, ratio, factor = nearest_whole(lengths, plane.offsets)
+    nearer, ratio, factor = nearest_whole(lengths, plane.offsets)
     towards = normals / np.where(lengths > 0, lengths, 1)[:, None]  # [C, 3] n / |n|
-    moved = towards * shift[:, None]
+    moved = towards * nearer[:, None]
     narrower = np.eye(3) + (ratio - 1)[:, None, None] * towards[:, :, None] * towards[:, None]  # [C, 3, 3]
-    before = rotation_from_quaternion(splats.quats[at].astype(np.float64)) * splats.scales[at][:, None]  # [C, 3, 3]
+    rotations = rotation_from_quaternion(splats.quats[at].astype(np.float64))
+    before = rotations * splats.scales[at][:, None]  # [C, 3, 3]
     columns = before @ narrower
     quats, scales = kernels_of(columns)
     back = rotation_from_quaternion(quats).swapaxes(1, 2)  # to the new axes
@@ -108,6 +111,10 @@ def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
     splats.brightness_curvatures[curved] = turned(splats.brightness_curvatures[curved], turn[rows])
     _, of_slopes, of_curved = np.intersect1d(splats.slope_index, at[rows], return_indices=True)
     splats.color_slopes[of_slopes] += np.einsum("mba,ma->mb", turn[rows], rises)[of_curved][:, :, None]
+    shifted, rows = _common(splats.shift_index, at)
+    moves, directions = (back @ before / scales[:, :, None])[rows], (back @ rotations).swapaxes(1, 2)[rows]
+    given = splats.view_shifts[shifted], splats.mean_views[shifted]
+    splats.view_shifts[shifted], splats.mean_views[shifted] = shifts.turned(*given, moves, directions)
     for other in others:
         own, rows = _common(other.index, at)
         other.offsets[own] += np.einsum("ma,ma->m", seen[rows], other.normals[own])

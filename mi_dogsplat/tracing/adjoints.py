@@ -4,7 +4,8 @@ A kernel is 2^(lo - Q) with Q = |M x|², x the offset where that is least on the
 as constant: ∂Q/∂M = 2 (M x) xᵀ and ∂Q/∂μ = -2 Mᵀ M x. Of the pseudo-Gaussian the same holds with F⁻¹ M, at its own x.
 
 A colour that varies, and cuts, need more, as the point itself moves (``own_axes.py``). A cut multiplies both kernels
-by g, so that the adjoint of ln g is the sum of those of their logarithms; a second one has the same.
+by g, so that the adjoint of ln g is the sum of those of their logarithms; a second one has the same. Where the place of
+a primitive depends on the ray, μ is that on the ray, which is linear in what the primitive has for it (``shifts.py``).
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from ..engine.cuts import by_plane
 from ..scene.curvatures import ENTRIES
 from .kernels import MAX_ALPHA, Kernel, Meeting
 from .own_axes import moved, pulled
-from .tree import CURVATURE_ROW, CUT_ROW, NONE, SLOPE_ROW, Tree, read_row, rows_of, table
+from .shifts import add_adjoints as add_to_shifts
+from .shifts import moved_by
+from .tree import CURVATURE_ROW, CUT_ROW, NONE, SHIFT_ROW, SLOPE_ROW, Tree, read_row, rows_of, table
 from .tree import PSEUDO_ROW as TREE_PSEUDO_ROW
 from .varying import add_adjoints, along, beyond_centre, by_point
 from .vectors import dot
@@ -40,8 +43,9 @@ class Adjoints:
         m = dr.width(tree.pseudo) // TREE_PSEUDO_ROW if tree.pseudo is not None else 0
         self.pseudo = dr.zeros(Float, m * PSEUDO_ROW) if m else None
         self.sh = dr.zeros(Float, dr.width(tree.sh))
-        self.slopes, self.curvatures = (
-            None if values is None else dr.zeros(Float, dr.width(values)) for values in (tree.slopes, tree.curvatures)
+        self.slopes, self.curvatures, self.shifts = (
+            None if values is None else dr.zeros(Float, dr.width(values))
+            for values in (tree.slopes, tree.curvatures, tree.shifts)
         )
         self.normals = [dr.zeros(Float, dr.width(plane.rows)) for plane in tree.planes]
 
@@ -82,6 +86,8 @@ class Adjoints:
         """``pull``: adjoint of M x, x the offset from μ."""
         types = array_types()
         mean = [-dot(pull, [row[c] for row in met.M]) for c in range(3)]
+        if met.shift:
+            add_to_shifts(self.shifts, met.shift, mean, active)
         leaf = met.leaf - self.tree.first_leaf
         row = types.Floats([*M, *mean, lo, *[types.Float(0)] * 3])
         dr.scatter_add(self.rows, row, leaf, active, mode=dr.ReduceMode.Local)
@@ -108,7 +114,7 @@ class Adjoints:
     def of_columns(self) -> tuple[list, Any, dict[str, list]]:
         """(of ``Primitives.kernel``, of ``sh``, of each of ``SPARSE``)"""
         types, tree = array_types(), self.tree
-        dr.eval(self.rows, self.pseudo, self.slopes, self.curvatures, self.normals, self.sh)
+        dr.eval(self.rows, self.pseudo, self.slopes, self.curvatures, self.normals, self.shifts, self.sh)
         n, splat = dr.width(tree.sh) // tree.sh_row, tree.splat_from_leaf
         leaf = dr.arange(types.UInt, tree.n_leaves)
         kernel = []
@@ -123,6 +129,7 @@ class Adjoints:
             "curvatures": _columns(self.curvatures, CURVATURE_ROW, len(ENTRIES)),
             "normals": [column for normals, plane in zip(self.normals, tree.planes, strict=True)
                         for column in _columns(normals, CUT_ROW, NORMAL, plane.index)],
+            "shifts": _columns(self.shifts, SHIFT_ROW, 9),
         }
         return kernel, self.sh, sparse
 
@@ -138,11 +145,12 @@ class Tangents:
         self.pseudo = _table(sparse["pseudo"], PSEUDO_ROW, tree.pseudo, TREE_PSEUDO_ROW)
         self.slopes = _table(sparse["slopes"], SLOPE_ROW, tree.slopes)
         self.curvatures = _table(sparse["curvatures"], CURVATURE_ROW, tree.curvatures)
+        self.shifts = _table(sparse["shifts"], SHIFT_ROW, tree.shifts)
         self.normals = []
         for plane, normal in zip(tree.planes, by_plane(sparse["normals"], NORMAL), strict=True):
             columns = [_wide(c, dr.width(plane.index)) for c in normal]
             self.normals.append(rows_of([*columns, types.Float(0)], plane.index, n))
-        dr.eval(self.rows, self.pseudo, self.slopes, self.curvatures, self.normals, self.sh)
+        dr.eval(self.rows, self.pseudo, self.slopes, self.curvatures, self.normals, self.shifts, self.sh)
 
     def of_alpha(self, met: Meeting, active: Any) -> Any:
         M, mean, lo = self._of_kernel(met, active)
@@ -182,9 +190,12 @@ class Tangents:
         return [a + b for a, b in zip(of_point, of_values, strict=True)]
 
     def _of_kernel(self, met: Meeting, active: Any) -> tuple[list, list, Any]:
-        """(M, μ, lo)"""
+        """(M, μ on the ray, lo)"""
         row = read_row(self.rows, met.splat, ROW, 13, active)
-        return [row[0:3], row[3:6], row[6:9]], row[9:12], row[12]
+        mean = row[9:12]
+        if met.shift:
+            mean = [a + b for a, b in zip(mean, moved_by(self.shifts, met.shift, active), strict=True)]
+        return [row[0:3], row[3:6], row[6:9]], mean, row[12]
 
     def of_colors(self, met: Meeting, basis: list, active: Any) -> list:
         values = read_row(self.sh, met.splat, self.tree.sh_row, 3 * len(basis), active)

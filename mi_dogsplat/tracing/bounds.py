@@ -3,6 +3,8 @@
 Beyond its *cutoff ellipsoid* the kernels of a primitive are below the cutoff. It has the axes of the primitive, and of
 a DoG primitive it is the smallest such one that holds the ellipsoids of both kernels. On the side that it keeps each
 cut makes kernels larger, by the factor 1 + e^-4 at most: the ellipsoids are those of kernels that are so all over.
+
+Where the place of a primitive depends on the direction of the ray, its box is that of all its places (``shifts.py``).
 """
 
 from __future__ import annotations
@@ -61,12 +63,24 @@ def bounds_of(primitives: Primitives, log2_range: float) -> Bounds:
 
     low, high = [], []
     lengths = [columns[3 * k] ** 2 + columns[3 * k + 1] ** 2 + columns[3 * k + 2] ** 2 for k in range(3)]
+    farthest = _farthest(primitives)
     for c in range(3):
         half = dr.sqrt(sum(r * dr.square(columns[3 * k + c] / n)
                            for k, (r, n) in enumerate(zip(reach, lengths, strict=True))))
         centre = detached(primitives.mean[c])
+        half = half + farthest[c] if farthest else half
         half = dr.fma(half, 1 + SLACK, 1e-6 * abs(centre))
         low.append(centre - half)
         high.append(centre + half)
     dr.eval(drawn, low, high)
     return Bounds(drawn, low, high, weights)
+
+
+def _farthest(primitives: Primitives) -> list:
+    """[N] how far from its mean place a primitive may stand along each axis of the world; empty without shifts."""
+    if primitives.shift_row is None:
+        return []
+    G, row = [detached(c) for c in primitives.shifts], detached(primitives.shift_row)
+    lengths = [dr.sqrt(dr.square(G[k]) + dr.square(G[k + 1]) + dr.square(G[k + 2])) for k in (0, 3, 6)]
+    dr.eval(lengths)
+    return [dr.gather(array_types().Float, length, row, row != NO_ROW) for length in lengths]

@@ -10,6 +10,8 @@ along all axes; else it lies between the two. What a ray meets it meets in that 
 
 What varies over a primitive, its colour and what cuts leave of its kernels, has one value on a ray: that at the point
 where the primary kernel is largest, which for splatting is the mean of the Gaussian along the ray (``own_axes.py``).
+
+A primitive whose place depends on the view stands where the direction of the ray has it (``shifts.py``).
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from ..engine.arrays import array_types
 from ..engine.geometry import Cutoffs
 from ..engine.project import NO_ROW
 from .own_axes import Cut, OwnPoint, read_own_axes
+from .shifts import Shift, moved_by, read_shift
 from .tree import PSEUDO_ROW, ROW, Tree, read_row
 from .varying import Varying
 from .vectors import cross, dot
@@ -57,6 +60,7 @@ class Meeting:
     point: OwnPoint | None  # None in a model without what varies, and without cuts
     varying: Varying | None  # None in a model of which each primitive has one colour
     cuts: list[Cut]  # one of each plane that the model has
+    shift: Shift | None  # None in a model without
 
 
 @dataclass
@@ -75,6 +79,9 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
     values = read_row(tree.nodes, node, ROW, ROW, active)
     M, mean, lo = [values[0:3], values[3:6], values[6:9]], values[9:12], values[12]
     dog_row, splat = (cast(Any, dr.reinterpret_array(types.UInt, bits)) for bits in values[13:15])
+    shift = read_shift(tree, splat, ray.d, ray.inverse_square, active)
+    if shift:
+        mean = [c + move for c, move in zip(mean, moved_by(tree.shifts, shift, active), strict=True)]
     away = [o - c for o, c in zip(ray.o, mean, strict=True)]
     near = -dot(away, ray.d) * ray.inverse_square
     away = [dr.fma(near, d, a) for a, d in zip(away, ray.d, strict=True)]  # from the centre, no longer than it must be
@@ -93,7 +100,8 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
         t = dr.select(is_dog, -dot(weighed, o) / dot(weighed, d), t)
         alpha = dr.select(is_dog, alpha - dr.minimum(pseudo.value, MAX_ALPHA), alpha)
     alpha = dr.select(abs(alpha) >= cutoffs.alpha, alpha, 0)
-    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, point, varying, cuts)
+    seen = point, varying, cuts, shift
+    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, *seen)
 
 
 def _kernel(o: list, d: list, lo: Any, away: list, world_d: list, cuts: list[Cut]) -> tuple[Kernel, Any]:

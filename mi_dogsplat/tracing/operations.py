@@ -41,7 +41,8 @@ class _OfPrimitives(dr.CustomOp):
 
 
 class _Transmittance(_OfPrimitives):
-    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list, curvatures: list, normals: list):
+    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list, curvatures: list, normals: list,
+             shifts: list):  # fmt: skip
         self.query, self.T = query, transmittance(query.walk)
         return query.rays.put(self.T, 1)
 
@@ -55,7 +56,8 @@ class _Transmittance(_OfPrimitives):
 
 
 class _Gather(_OfPrimitives):
-    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list, curvatures: list, normals: list):
+    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list, curvatures: list, normals: list,
+             shifts: list):  # fmt: skip
         self.query, (self.colors, self.T) = query, gather(query.walk)
         return [query.rays.put(c, 0) for c in self.colors], query.rays.put(self.T, 1)
 

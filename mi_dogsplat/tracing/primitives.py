@@ -8,6 +8,7 @@ Notation (3DGRT, Moenne-Loccoz et al. 2024; method paper, Sec. 3)
     w           S⁻¹ Rᵀ (x - μ), a point in standard deviations along the axes; where a colour varies it is
                 c + Σ_a w_a slope_a + ½ wᵀ Q w, Q being the same for all channels
     n           of a plane that cuts a primitive off: its kernels are multiplied by g(n·w) (docs/cuts.md)
+    A, v̄        of a primitive whose place depends on the view: on a ray along d it stands at m + G d (``shifts.py``)
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ import mitsuba as mi
 from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, rows, softplus
 from ..engine.sh import read_rows
 from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups
-from ..scene.row_groups import CURVATURES, PLANES, SH, SLOPES, RowGroup
+from ..engine.shifts import ROW as SHIFT_SIZE
+from ..engine.shifts import VIEW_ROW, shift
+from ..scene.row_groups import CURVATURES, PLANES, SH, SHIFTS, SLOPES, RowGroup
 
 PER_DEVIATION = (0.5 * LOG2_E) ** 0.5  # |M (x - μ)| of a point that is one standard deviation away
 MAX_LOG_SCALE = 27.0  # scales are kept within e^±27, so that squares of what is divided by them are floats
-SPARSE = "pseudo", "slopes", "curvatures", "normals"  # columns of ``Primitives`` that have a row for some of them only
+SPARSE = "pseudo", "slopes", "curvatures", "normals", "shifts"  # in ``Primitives``, with a row for some of them only
 
 
 @dataclass
@@ -40,10 +43,10 @@ class PlaneRows:
 @dataclass
 class Primitives:
     """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive; of slopes, of
-    curvatures and of the normals of a plane a row per primitive that has them."""
+    curvatures, of the normals of a plane and of shifts a row per primitive that has them."""""
 
     to_kernel: list  # M, nine columns, row-major
-    mean: list  # three
+    mean: list  # μ, three; m of a primitive that has a shift
     lo: mi.Float
     sh: mi.Float  # [N, K, 3] of one degree, flat
     usable: mi.Bool  # everything finite (but for logit opacities)
@@ -56,6 +59,8 @@ class Primitives:
     curvature_row: mi.UInt32 | None  # [N] row of the curvatures or NO_ROW
     normals: list  # n of each plane, three columns of [C] each; empty without cuts
     planes: list[PlaneRows]
+    shifts: list  # G, nine columns of [V], row by row; empty without
+    shift_row: mi.UInt32 | None  # [N] row of the shifts or NO_ROW
 
     @property
     def kernel(self) -> list:
@@ -83,8 +88,8 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     n = dr.width(params["logit_opacities"])
     index = dr.arange(mi.UInt32, n)
     quats, log_scales = read_rows(params["quats"], 4, 4, index), rows(params["log_scales"], 3, index)
-    mean = rows(params["means"], 3, index)
     R = rotation_matrix(quats)
+    mean, shifts, shift_row = _places(params, rows(params["means"], 3, index), R, log_scales)
     inverse = [PER_DEVIATION * _exp_minus(s) for s in log_scales]
     to_kernel = [inverse[k] * R[c][k] for k in range(3) for c in range(3)]
     lo = -LOG2_E * softplus(-params["logit_opacities"])
@@ -93,7 +98,7 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     usable = all_finite([*mean, *log_scales, *quats]) & ~dr.isnan(lo) & (broken == 0)
     slopes, slope_row = _columns_of(params, SLOPES)
     curvatures, curvature_row = _columns_of(params, CURVATURES)
-    of_groups, normals, planes = [(slopes, slope_row), (curvatures, curvature_row)], [], []
+    of_groups, normals, planes = [(slopes, slope_row), (curvatures, curvature_row), (shifts, shift_row)], [], []
     for group in (group for group in PLANES if group.index in params):
         columns, row = _columns_of(params, group)
         of_groups.append((columns, row))
@@ -102,7 +107,7 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     for columns, row in of_groups:
         if row is not None:
             usable &= _of_row(all_finite(columns), row)
-    some = slopes, slope_row, curvatures, curvature_row, normals, planes
+    some = slopes, slope_row, curvatures, curvature_row, normals, planes, shifts, shift_row
     if "dog_index" not in params:
         return Primitives(to_kernel, mean, lo, sh, usable, [], None, None, *some)
 
@@ -114,6 +119,29 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     usable &= _of_row(finite, dog_row)
     pseudo = [*(_exp_minus(f) for f in log_factors), pseudo_lo]
     return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index, *some)
+
+
+def _places(params: dict, mean: list, R: list, log_scales: list) -> tuple[list, list, Any]:
+    """(m, columns of G, [N] their rows) of primitives at ``mean``; (``mean``, [], None) in a model without shifts."""
+    if SHIFTS.index not in params:
+        return mean, [], None
+    index, row = params[SHIFTS.index], params[SHIFTS.row]
+    dr.eval(R, log_scales)  # in one kernel: a gather launches one for what is not evaluated yet
+
+    def of(value: mi.Float) -> mi.Float:
+        return dr.gather(mi.Float, value, index, mode=dr.ReduceMode.NoConflicts)
+
+    axes, scales = [[of(x) for x in row] for row in R], [_exp_minus(-of(s)) for s in log_scales]
+    v = dr.arange(mi.UInt32, dr.width(index))
+    A, mean_views = rows(params["view_shifts"], SHIFT_SIZE, v), rows(params["mean_views"], VIEW_ROW, v)
+    there, none = mi.Bool(True), [0, 0, 0]
+    columns = [shift(unit, axes, scales, A, none, there) for unit in ([1, 0, 0], [0, 1, 0], [0, 0, 1])]
+    back = shift(none, axes, scales, A, mean_views, there)
+    dr.eval(columns, back)
+    here = row != NO_ROW
+    moved = [dr.gather(mi.Float, x, row, here, mode=dr.ReduceMode.Permute) for x in back]
+    G = [column[k] for k in range(3) for column in columns]
+    return [a + b for a, b in zip(mean, moved, strict=True)], G, row
 
 
 def _columns_of(params: dict, group: RowGroup) -> tuple[list, Any]:

@@ -23,8 +23,9 @@ class SplatTracer:
     (``kernels.py``) lies between 0 and ``maxt``, and is blended in the order of these places.
 
     **Derivatives.** Where the parameters are attached to the AD graph, so is what the methods return, in reverse and
-    forward mode. Rays are taken as constant: a ray that is bent by a parameter needs another way. Call the methods
-    outside of symbolic loops for that, one bounce after the other: within one they return detached values.
+    forward mode. Rays are taken as constant, and so is the direction that a shift depends on: a ray that is bent by a
+    parameter needs another way. Call the methods outside of symbolic loops for that, one bounce after the other: within
+    one they return detached values.
 
     **Speed.** Outside of symbolic loops rays are evaluated, those that are not active left out and the others brought
     into an order in which neighbours stay together. So ask for many rays at once.

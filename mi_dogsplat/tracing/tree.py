@@ -25,6 +25,7 @@ ROW = 16  # floats: of an inner node its children's boxes; of a leaf M, μ, lo, 
 PSEUDO_ROW = 8  # floats: F⁻¹, weights of the common ellipsoid, lo_p; one is free
 SLOPE_ROW = 12  # floats: slopes, axis by axis; three are free
 CURVATURE_ROW = 8  # floats: the six of a row; two are free
+SHIFT_ROW = 12  # floats: G (``shifts.py``), row by row; three are free
 CUT_ROW = 4  # floats, of each plane: normal of the cut, and 1 where there is one
 NONE = 0xFFFFFFFF  # primitive of an empty leaf
 FAR = 1e30  # where the boxes of empty nodes are, points that no ray passes
@@ -51,6 +52,8 @@ class Tree:
     curvatures: Any  # Float [B, CURVATURE_ROW], or None without curvatures
     curvature_row: Any  # UInt [N] row of the curvatures or NO_ROW; None without
     planes: list[PlaneTable]
+    shifts: Any  # Float [V, SHIFT_ROW], or None without shifts
+    shift_row: Any  # UInt [N] row of the shifts or NO_ROW; None without
     sh: Any  # Float [N, K, 3]
     sh_row: int  # 3 K
     middle: list  # of the root's box
@@ -109,11 +112,15 @@ def build(primitives: Primitives, log2_range: float) -> Tree | None:
         one = dr.full(types.Float, 1, dr.width(index))
         normals = rows_of([*(detached(c) for c in normal), one], index, dr.width(primitives.lo))
         planes.append(PlaneTable(normals, index))
+    shifts = shift_row = None
+    if primitives.shifts:
+        shifts = table([detached(c) for c in primitives.shifts], SHIFT_ROW)
+        shift_row = detached(primitives.shift_row)
     sh = detached(primitives.sh)
     dr.make_opaque(middle, size)
-    dr.eval(nodes, pseudo, slopes, curvatures, curvature_row, [plane.rows for plane in planes], sh)
+    dr.eval(nodes, pseudo, slopes, curvatures, curvature_row, [plane.rows for plane in planes], shifts, shift_row, sh)
     sh_row = dr.width(sh) // dr.width(primitives.lo)
-    sparse = pseudo, slopes, curvatures, curvature_row, planes
+    sparse = pseudo, slopes, curvatures, curvature_row, planes, shifts, shift_row
     return Tree(nodes, leaves, splat_from_leaf, *sparse, sh, sh_row, middle, size)
 
 

@@ -75,11 +75,11 @@ def along(w: list, steepness: list) -> list:
 def add_adjoints(tables: Tables, varying: Varying, w: list, δcolors: list, active: Any) -> None:
     """What three channels of ``beyond_centre`` add to those of the values, where these have adjoints ``δcolors``."""
     if varying.slopes:
-        _add(tables.slopes, SLOPE_ROW, varying.slopes, [x * δ for x in w for δ in δcolors], active)
+        add_to_row(tables.slopes, SLOPE_ROW, varying.slopes, [x * δ for x in w for δ in δcolors], active)
     if varying.curvatures:
         δ = sum(δcolors)
         squares = [w[a] * w[b] * (0.5 * δ if a == b else δ) for a, b in ENTRIES]
-        _add(tables.curvatures, CURVATURE_ROW, varying.curvatures, squares, active)
+        add_to_row(tables.curvatures, CURVATURE_ROW, varying.curvatures, squares, active)
 
 
 def _slopes(tables: Tables, row: Row, active: Any) -> list:
@@ -94,7 +94,8 @@ def _curved(tables: Tables, row: Row, w: list, active: Any) -> list:
     return [dot(w, [entries[k] for k in of_axis]) for of_axis in OF_MATRIX]
 
 
-def _add(table: Any, stride: int, row: Row, values: list, active: Any) -> None:
+def add_to_row(table: Any, stride: int, row: Row, values: list, active: Any) -> None:
+    """``values`` to the first entries of a row of ``stride`` floats, a multiple of four."""
     types, here = array_types(), active & row.here
     values = values + [types.Float(0)] * (stride - len(values))
     for k in range(stride // 4):

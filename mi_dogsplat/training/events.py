@@ -170,6 +170,12 @@ class SecondCutsActivated(RowsActivated):
     kind, words = "second_cuts_activated", "second cuts activated for {count} primitives"
 
 
+class ShiftsActivated(RowsActivated):
+    """Their place may depend on the view."""
+
+    kind, words = "shifts_activated", "shifts activated for {count} primitives"
+
+
 @dataclass(frozen=True)
 class RowsLeftOut(Event):
     """``count`` primitives lost their rows of a kind, which no pixel shows; ``left`` have one still."""
@@ -200,6 +206,12 @@ class SecondCutsLeftOut(RowsLeftOut):
     """Second cuts."""
 
     kind, words = "second_cuts_left_out", "second cuts left out: {count}, kept: {left}"
+
+
+class ShiftsLeftOut(RowsLeftOut):
+    """Shifts."""
+
+    kind, words = "shifts_left_out", "shifts left out: {count}, kept: {left}"
 
 
 @dataclass(frozen=True)

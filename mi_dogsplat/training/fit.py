@@ -19,7 +19,7 @@ from ..engine.options import RasterOptions
 from ..engine.rasterize import rasterize
 from ..scene.cameras import Camera
 from ..scene.radiance import brightened
-from ..scene.row_groups import OWN_AXES
+from ..scene.row_groups import BESIDE_COLORS
 from ..scene.splats import Array, Splats
 from ..support.wording import counted
 from .footprint import budget
@@ -55,7 +55,7 @@ def fit(
     """The model after ``steps`` steps of Adam towards the pictures; the same bits in every run on a CPU.
 
     Args:
-        splats: the start, of N >= 1 primitives; rows of DoG, slopes, curvatures and cuts are fitted along.
+        splats: the start, of N >= 1 primitives; rows of DoG, slopes, curvatures, cuts and shifts are fitted along.
         cameras, pictures: as many of each, [H, W, 3] display-referred or, with ``look.white``, linear, seen in a random
             order, turn by turn.
         steps: of one picture each.
@@ -77,7 +77,7 @@ def fit(
     pairs = zip(cameras, pictures, strict=True)
     views = [View(str(k), camera, image, white=look.white) for k, (camera, image) in enumerate(pairs)]
     dataset = Dataset(Path(), views, [], *no_points(), has_alpha=False)
-    groups = [group for group in OWN_AXES if len(getattr(splats, group.index))]
+    groups = [group for group in BESIDE_COLORS if len(getattr(splats, group.index))]
     memory = budget(None, dataset, splats.sh_degree, groups=groups)
     keep_targets = memory is None or memory.keep_targets
     shown = Photographs(dataset, look.background, look.near_clip, keep_targets=keep_targets)

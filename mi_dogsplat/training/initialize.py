@@ -127,7 +127,8 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Model
     model = read_model(path)
     splats = model.splats
     if format != "ply":
-        splats = whole(splats.plain()).without_slopes()  # no other format holds the rest; training makes up for it
+        # no other format holds the rest; training makes up for it
+        splats = whole(splats.plain()).without_slopes().without_shifts()
     if splats.n_splats < 2:
         raise DataError(path, f"holds {counted(splats.n_splats, 'primitive')}", "pruning needs at least 2")
     try:

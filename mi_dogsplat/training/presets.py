@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from ..formats.sizes import FileKind
-from ..scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES, RowGroup
+from ..scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
 from ..scores.score import Score, ScoreRule
 from ..support.wording import in_words
 from .images.tone_curve import SrgbLog, ToneCurve
@@ -27,6 +27,7 @@ from .strategy.quantise import Quantisation
 from .strategy.row_activation import RowActivation, RowControl, RowRule
 from .strategy.scheduler import PruningRule
 from .strategy.sh_ramp import ShRamp
+from .strategy.shift_activation import ShiftActivation, ShiftControl, ShiftRule
 from .strategy.sieve import Sieve
 from .strategy.slope_activation import (
     CurvatureActivation,
@@ -55,6 +56,7 @@ GIVEN = {
     "curvatures": Given(CURVATURES, CurvatureActivation, CurvatureControl),
     "cuts": Given(CUTS, CutActivation, CutControl),
     "second_cuts": Given(SECOND_CUTS, SecondCutActivation, SecondCutControl),
+    "shifts": Given(SHIFTS, ShiftActivation, ShiftControl),
 }
 """By the field of ``Recipe`` that is its rule; in the order in which they come."""
 
@@ -83,6 +85,7 @@ class Recipe:
     curvatures: SlopeRule | None = None  # and a brightness that curves
     cuts: CutRule | None = None  # primitives that a plane cuts off
     second_cuts: CutRule | None = None  # and that a second one does
+    shifts: ShiftRule | None = None  # places that depend on the view
     preconditioning: Preconditioning | None = None  # steps in which the numbers of a primitive move together
 
     def __post_init__(self) -> None:
@@ -148,7 +151,7 @@ class Recipe:
     def for_format(self, name: str) -> Recipe:
         """The recipe of a model that ends in a file of that format: only PLY holds DoG, and numbers as they are.
 
-        Raises ``ValueError`` for a recipe that gives slopes, curvatures or cuts, and another format.
+        Raises ``ValueError`` for a recipe that gives slopes, curvatures, cuts or shifts, and another format.
         """
         if name != "ply" and (rows := self.given):
             raise ValueError(f"Recipe.for_format: this recipe gives {rows} to primitives, which {name} does not hold")
@@ -210,13 +213,15 @@ OURS = Recipe(
 OURS_SLOPES = replace(OURS, slopes=SlopeRule(ACTIVATION))
 OURS_CUTS = replace(OURS_SLOPES, cuts=CutRule(ACTIVATION))
 OURS_SECOND_CUTS = replace(OURS_CUTS, second_cuts=CutRule(ACTIVATION))
+OURS_CURVATURES = replace(OURS_SECOND_CUTS, curvatures=SlopeRule(ACTIVATION))
 RECIPES = {
     "ours": OURS,
     "ours_slopes": OURS_SLOPES,
     "ours_cuts": OURS_CUTS,
     "ours_preconditioned": OURS_CUTS.preconditioned(),
     "ours_second_cuts": OURS_SECOND_CUTS.preconditioned(),
-    "ours_curvatures": replace(OURS_SECOND_CUTS, curvatures=SlopeRule(ACTIVATION)).preconditioned(),
+    "ours_curvatures": OURS_CURVATURES.preconditioned(),
+    "ours_shifts": replace(OURS_CURVATURES, shifts=ShiftRule(ACTIVATION)).preconditioned(),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(
         pruning=PruningRule(),

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 from ..datasets import Dataset
 from ..scene.drawing import DrawnAs
+from ..scene.row_groups import BESIDE_COLORS
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .config import TrainConfig
 from .footprint import Budget, budget
 from .later_rows import later_rows
-from .optimizer.group_rows import SPARSE
 from .presets import RECIPES, Recipe
 from .strategy.pose_refinement import PoseRefinement
 
@@ -48,7 +48,7 @@ def near_clip_of(config: TrainConfig, extent: float) -> float:
 
 def memory_of(config: TrainConfig, dataset: Dataset, recipe: Recipe, splats: Splats) -> Budget | None:
     """The budget of a run that starts with ``splats``. Raises ``DataError`` where these do not fit into it."""
-    held = [group for group in SPARSE if len(getattr(splats, group.index))]
+    held = [group for group in BESIDE_COLORS if len(getattr(splats, group.index))]
     later = later_rows(config, recipe, held, splats.n_splats)
     masked = config.masks is not None
     memory = budget(config.memory, dataset, splats.sh_degree, config.data_on_disk, held, masked, later)

@@ -25,9 +25,11 @@ from .view_state import (
     ONLY_DOG,
     ONLY_GAUSSIANS,
     PHOTOGRAPH,
+    SHIFT_DIFFERENCE,
     VARYING_DIFFERENCE,
     WITHOUT_CUTS,
     WITHOUT_DOG,
+    WITHOUT_SHIFTS,
     WITHOUT_VARYING,
     Pose,
     Settings,
@@ -39,10 +41,12 @@ PARTS: dict[str, Callable[[Splats], Splats]] = {
     ONLY_DOG: Splats.only_dog,
     ONLY_GAUSSIANS: Splats.only_gaussians,
     WITHOUT_CUTS: Splats.without_cuts,
+    WITHOUT_SHIFTS: Splats.without_shifts,
 } | dict.fromkeys(WITHOUT_VARYING.values(), Splats.without_slopes)
 DIFFERENCES = {  # of the model to its part
     DOG_DIFFERENCE: WITHOUT_DOG,
     CUT_DIFFERENCE: WITHOUT_CUTS,
+    SHIFT_DIFFERENCE: WITHOUT_SHIFTS,
 } | {VARYING_DIFFERENCE[what]: part for what, part in WITHOUT_VARYING.items()}
 
 
@@ -83,7 +87,8 @@ class Drawing:
         what = varying(self.splats)
         varied = [WITHOUT_VARYING[what], VARYING_DIFFERENCE[what]] if what else []
         cuts = [WITHOUT_CUTS, CUT_DIFFERENCE] if self.splats.is_cut.any() else []
-        return [MODEL, *dog, *varied, *cuts, *([ERROR, PHOTOGRAPH] if self.views else [])]
+        shifts = [WITHOUT_SHIFTS, SHIFT_DIFFERENCE] if self.splats.n_shifts else []
+        return [MODEL, *dog, *varied, *cuts, *shifts, *([ERROR, PHOTOGRAPH] if self.views else [])]
 
     def draw(self, pose: Pose, settings: Settings, moving: bool = False) -> Drawn:
         """The picture that is due. What the model does not have is drawn as the model."""

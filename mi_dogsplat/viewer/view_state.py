@@ -24,6 +24,7 @@ VARYING = ("slopes", "curvatures", "slopes and curvatures")  # of a model, which
 WITHOUT_VARYING = {what: f"{what} switched off" for what in VARYING}
 VARYING_DIFFERENCE = {what: f"{what} on and off: difference" for what in VARYING}
 WITHOUT_CUTS, CUT_DIFFERENCE = "cuts switched off", "cuts on and off: difference"
+WITHOUT_SHIFTS, SHIFT_DIFFERENCE = "shifts switched off", "shifts on and off: difference"
 DOG_DIFFERENCE, ERROR, PHOTOGRAPH = "DoG on and off: difference", "error at nearest photograph", "nearest photograph"
 
 

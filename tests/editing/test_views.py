@@ -1,5 +1,7 @@
 """What views have seen, against their pictures; and what floats before the surface that they see."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tiny_data
@@ -81,4 +83,17 @@ def test_a_lone_surface_has_nothing_that_floats_and_a_hidden_place_tells_nothing
     splats = rounded(make_splats(np.concatenate([sphere(600) * 0.6, [[0, 0, 0]]]), 0.06, 0.98))
     told = evidence(splats, CAMERAS, 0.2, False)
     assert not told.floats.any() and told.on[:600].sum() > 1000
+    assert told.free[600] == told.on[600] == 0
+
+
+def test_a_primitive_is_looked_up_where_each_view_sees_it():
+    """A speck that is stored in front of a ball stands, for all who look at it, in the middle: it hides there."""
+    camera = CAMERAS[1]
+    place, size = 0.45 * camera.position, 0.02
+    splats = rounded(make_splats(np.concatenate([sphere(600) * 0.6, [place]]), 0.06, 0.98))
+    splats.log_scales[600], splats.logit_opacities[600] = np.log(size), -1  # no surface itself
+    along_the_view = np.eye(3)[None] * np.linalg.norm(place) / size
+    hidden = replace(splats, shift_index=[600], view_shifts=along_the_view, mean_views=np.zeros((1, 3)))
+    assert evidence(splats, [camera], 0.2, False).free[600] == 1
+    told = evidence(hidden, [camera], 0.2, False)
     assert told.free[600] == told.on[600] == 0

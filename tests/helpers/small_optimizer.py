@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from launches import KernelWatch
-from mi_dogsplat.scene.row_groups import OWN_AXES
+from mi_dogsplat.scene.row_groups import OWN_AXES, SHIFTS
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
@@ -19,7 +19,7 @@ RATES = LearningRates(extent=2.0, total_steps=1000)
 def random_model(
     n: int, degree: int = 1, dog_index=(), seed: int = 0, rows: Mapping[str, Sequence[int]] | None = None
 ) -> Splats:
-    """``rows``: who has slopes, by ``slope_index``, curvatures, cuts and second ones."""
+    """``rows``: who has slopes, by ``slope_index``, curvatures, cuts, second ones and shifts."""
     rng, m = np.random.default_rng(seed), len(dog_index)
     model = Splats(
         rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), rng.normal(size=(n, 4)), rng.normal(size=n),
@@ -27,9 +27,9 @@ def random_model(
         np.array(dog_index, np.uint32), rng.normal(size=m), rng.normal(size=(m, 3)),
     )  # fmt: skip
     arrays: dict[str, np.ndarray] = {}
-    for group in OWN_AXES:
-        ((name, shape),), index = group.arrays.items(), np.array((rows or {}).get(group.index, ()), np.uint32)
-        arrays |= {group.index: index, name: rng.normal(size=(len(index), *shape))}
+    for group in (*OWN_AXES, SHIFTS):
+        arrays[group.index] = index = np.array((rows or {}).get(group.index, ()), np.uint32)
+        arrays |= {name: rng.normal(size=(len(index), *shape)) for name, shape in group.arrays.items()}
     return replace(model, **arrays)
 
 

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.geometry import SMOOTH
-from mi_dogsplat.engine.parameters import RAW, RAW_CURVATURES, RAW_CUTS, RAW_DOG, RAW_SLOPES, upload
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_OWN_AXES, RAW_SHIFTS, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
 from mi_dogsplat.reference.forward import raw_indices, raw_names
@@ -49,7 +49,7 @@ def make_splats(means, scales: Any = 0.1, opacities: Any = 0.5, colors: Any = 1.
 
 
 def random_splats(n=40, seed=0, degree=3, dog_share=0.5, slope_share=0.0, cut_share=0.0,
-                  second_cut_share=0.0, curvature_share=0.0) -> Any:  # fmt: skip
+                  second_cut_share=0.0, curvature_share=0.0, shift_share=0.0) -> Any:  # fmt: skip
     """Of all sizes, opacities and orientations, in front of a camera at the origin; float64."""
     rng = np.random.default_rng(seed)
     splats = make_splats(
@@ -72,6 +72,10 @@ def random_splats(n=40, seed=0, degree=3, dog_share=0.5, slope_share=0.0, cut_sh
     if curvature_share:
         splats.curvature_index = np.flatnonzero(rng.uniform(size=n) < curvature_share)
         splats.brightness_curvatures = rng.normal(0, 0.2, (len(splats.curvature_index), 6))
+    if shift_share:
+        splats.shift_index = np.flatnonzero(rng.uniform(size=n) < shift_share)
+        splats.view_shifts = rng.normal(0, 0.5, (len(splats.shift_index), 3, 3))
+        splats.mean_views = rng.uniform(-0.5, 0.5, (len(splats.shift_index), 3))
     return splats
 
 
@@ -129,7 +133,7 @@ SMOOTH_OPTIONS: dict[str, Any] = {"cutoffs": SMOOTH}
 def attached(splats: Splats) -> dict:
     """Parameters on the device, every one of them part of the AD graph."""
     params = upload(splats)
-    for name in RAW + RAW_DOG + RAW_SLOPES + RAW_CURVATURES + RAW_CUTS:
+    for name in RAW + RAW_DOG + RAW_OWN_AXES + RAW_SHIFTS:
         if name in params:
             dr.enable_grad(params[name])
     return params

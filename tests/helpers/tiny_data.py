@@ -91,6 +91,13 @@ def twice_cut_truth() -> Splats:
     return replace(model, second_cut_index=model.cut_index, second_cut_normals=normals)
 
 
+def shifted_truth() -> Splats:
+    """The truth, each primitive of which moves as the cameras go round."""
+    shifts = np.random.default_rng(7).normal(0, 0.8, (N_TRUTH, 3, 3))
+    rows = {"shift_index": np.arange(N_TRUTH), "view_shifts": shifts, "mean_views": np.zeros((N_TRUTH, 3))}
+    return replace(truth(), **rows)
+
+
 def dog_model(f_a: float = 0.4, F: float = 1.5) -> Splats:
     """The truth of the tiny data, every other primitive a DoG."""
     model = truth()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from every_pair import every_pair
 from mi_dogsplat.engine.geometry import SMOOTH
-from mi_dogsplat.engine.parameters import RAW, RAW_CURVATURES, RAW_CUTS, RAW_DOG, RAW_SLOPES
+from mi_dogsplat.engine.parameters import RAW, RAW_CURVATURES, RAW_CUTS, RAW_DOG, RAW_SHIFTS, RAW_SLOPES
 from mi_dogsplat.reference import rays as twin
 from mi_dogsplat.reference.forward import raw_indices
 from mi_dogsplat.scene.splats import Splats
@@ -19,22 +19,23 @@ from ray_sets import RaySet, random_rays
 from splat_scenes import attached, random_splats, rounded
 
 STEP = 1e-5
-NAMES = RAW + RAW_DOG + RAW_SLOPES + RAW_CURVATURES + RAW_CUTS
+NAMES = RAW + RAW_DOG + RAW_SLOPES + RAW_CURVATURES + RAW_CUTS + RAW_SHIFTS
 COLORS = "sh_coeffs", *RAW_SLOPES, *RAW_CURVATURES
 SHARES = {"colours of one value": (0, 0, 0, 0), "slopes": (0.6, 0, 0, 0), "curvatures": (0, 0, 0, 0.6),
           "slopes and curvatures": (0.6, 0, 0, 0.6), "cut off": (0, 0.6, 0, 0),
           "slopes, and cut off": (0.6, 0.6, 0, 0), "curvatures, and cut off": (0, 0.6, 0, 0.6),
-          "cut off by the second plane": (0, 0, 0.6, 0), "all of it": (0.6, 0.8, 0.6, 0.6)}  # fmt: skip
-"""Of primitives with slopes, of those that each plane cuts off, and of those with curvatures."""
+          "cut off by the second plane": (0, 0, 0.6, 0), "shifts": (0, 0, 0, 0, 0.6),
+          "all of it": (0.6, 0.8, 0.6, 0.6), "all of it, and shifts": (0.6, 0.8, 0.6, 0.6, 0.6)}  # fmt: skip
+"""Of primitives with slopes, of those that each plane cuts off, of those with curvatures, and with shifts."""
 pytestmark = pytest.mark.usefixtures("all_cores")  # adjoints of many rays meet in one place
 
 
 def model(shares: str) -> Splats:
     splats = rounded(random_splats(9, 21, 1, 0.5, *SHARES[shares]))
     twice = np.intersect1d(splats.cut_index, splats.second_cut_index)
-    assert (len(twice) > 1 and np.isin(twice, splats.dog_index).any()) == (shares == "all of it")
+    assert (len(twice) > 1 and np.isin(twice, splats.dog_index).any()) == shares.startswith("all of it")
     both = np.intersect1d(splats.slope_index, splats.curvature_index)
-    assert (1 < len(both) < splats.is_varied.sum()) == (shares in ("slopes and curvatures", "all of it"))
+    assert (1 < len(both) < splats.is_varied.sum()) == shares.startswith(("slopes and curvatures", "all of it"))
     return splats
 
 
@@ -113,7 +114,7 @@ def test_gradients_are_those_of_the_twin(shares, rays, kind, negative_transmitta
 
 
 @pytest.mark.parametrize("kind", ["transmittance", "gather"])
-@pytest.mark.parametrize("shares", ["colours of one value", "slopes, and cut off", "curvatures", "all of it"])
+@pytest.mark.parametrize("shares", ["colours of one value", "slopes, and cut off", "curvatures", "shifts", "all of it"])
 def test_gradients_of_thin_discs_are_those_of_the_twin(shares, rays, kind):
     splats = model(shares)
     splats.log_scales[:, 1] = np.log(1e-4)

@@ -6,7 +6,7 @@ import pytest
 from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.geometry import Cutoffs
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.reference.projection import rotations
+from mi_dogsplat.reference.quaternions import rotations
 from mi_dogsplat.tracing.bounds import bounds_of
 from mi_dogsplat.tracing.primitives import primitives_of
 from mi_dogsplat.tracing.tree import NONE, ROW, build, leaf_order

@@ -1,4 +1,4 @@
-"""Runs whose primitives get slopes, curvatures or cuts: what they tell and gain, and what models with some become."""
+"""Runs whose primitives get slopes, curvatures, cuts or shifts: what they tell and gain, and what becomes of models."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from happenings import history_of, records, rows_with
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs.history import run_to_end
-from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SHIFTS, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.wording import in_words
@@ -73,8 +73,12 @@ CURVED = Kind(
     "curvatures", CURVATURES, ("slopes", "curvatures", "cuts", "second_cuts"), "ours_second_cuts", "slopes_activated",
     tiny_data.curved_truth, 0.1, 0.9 / 255,
 )  # fmt: skip
+SHIFTED = Kind(
+    "shifts", SHIFTS, ("slopes", "curvatures", "cuts", "second_cuts", "shifts"), "ours_curvatures", "slopes_activated",
+    tiny_data.shifted_truth, 0.05, 1e-5,
+)  # fmt: skip
 
-KINDS = SLOPED, CURVED, CUT, SECOND_CUT
+KINDS = SLOPED, CURVED, CUT, SECOND_CUT, SHIFTED
 
 
 def after(steps: int, trainer: Trainer) -> Trainer:
@@ -122,7 +126,7 @@ def test_they_bring_the_pictures_nearer_to_what_needs_them(kind, pictures, tmp_p
     assert found[kind.preset] < 0.8 * found[kind.before]
 
 
-@pytest.mark.parametrize("kind", [CURVED, SECOND_CUT], ids=lambda kind: kind.word, indirect=True)
+@pytest.mark.parametrize("kind", [CURVED, SECOND_CUT, SHIFTED], ids=lambda kind: kind.word, indirect=True)
 def test_a_checkpoint_of_a_run_that_knew_none_goes_on(kind, pictures):
     """It is past the step at which they come."""
     state = after(80, Trainer(kind.config(pictures, preset=kind.before), load_dataset(pictures))).state()
@@ -166,18 +170,20 @@ def test_slopes_are_left_out_by_their_largest_number_and_nothing_else_is(kind, p
 @pytest.mark.parametrize("preset", ["ours", "ours_second_cuts"])
 def test_a_recipe_without_them_says_nothing_of_them(preset, data, tmp_path):
     metrics = mi_dogsplat.runs.run.train(CURVED.config(data, preset=preset, steps=12), tmp_path)
-    for kind in (CURVED,) if preset == "ours_second_cuts" else KINDS:
+    for kind in (CURVED, SHIFTED) if preset == "ours_second_cuts" else KINDS:
         name = f"n_{kind.word}"
         assert name not in metrics and not any(name in row for row in history_of(tmp_path))
         assert kind.word[:-1] not in (tmp_path / "history.jsonl").read_text()
 
 
 @pytest.mark.parametrize(
-    ("kind", "gives"), [(SLOPED, True), (CURVED, False), (CUT, False), (SECOND_CUT, True)], indirect=["kind"]
+    ("kind", "gives"),
+    [(SLOPED, True), (CURVED, False), (CUT, False), (SECOND_CUT, True), (SHIFTED, True)],
+    indirect=["kind"],
 )
 def test_a_model_that_has_some_keeps_them_and_they_learn(kind, gives, pictures, tmp_path):
     splats, preset = kind.truth(), kind.preset if gives else "ours"
-    half = {kind.group.index: kind.index(splats)[::2], kind.name: kind.values(splats)[::2]}
+    half = {name: getattr(splats, name)[::2] for name in (kind.group.index, *kind.group.names)}
     write_ply(tmp_path / "model.ply", replace(splats, **half))
     changes = {"model": str(tmp_path / "model.ply"), "target": 50, "max_primitives": None}
     trainer = Trainer(kind.config(pictures, preset=preset, **changes), load_dataset(pictures))
@@ -193,9 +199,9 @@ def test_a_model_that_has_some_keeps_them_and_they_learn(kind, gives, pictures, 
 
 @pytest.mark.parametrize("steps", [1, 2, 3, 12])
 def test_the_shortest_runs_complete_every_phase(steps, data):
-    trainer = Trainer(CURVED.config(data, steps=steps), load_dataset(data))
+    trainer = Trainer(SHIFTED.config(data, steps=steps), load_dataset(data))
     rows = list(run_to_end(trainer))
-    assert trainer.optimizer.n == 20 and set(CURVED.given) == {kind.word for kind in KINDS}
+    assert trainer.optimizer.n == 20 and set(SHIFTED.given) == {kind.word for kind in KINDS}
     for kind in KINDS:
         assert trainer.states[f"{kind.word[:-1].replace('_', '')}activation"].done
         assert [record["count"] for record in records(rows, kind.activated)] == [20]
@@ -232,7 +238,7 @@ def test_a_format_without_them_is_refused_in_one_line(kind, name, data, capsys, 
 
 
 def test_a_model_that_is_to_end_in_such_a_format_starts_without_them(kind, tmp_path):
-    """So in its mean colours, or whole."""
+    """So in its mean colours, whole, or where it is stored."""
     splats = kind.truth()
     write_ply(tmp_path / "model.ply", splats)
     for name, n in (("ply", kind.n(splats)), ("spz", 0)):

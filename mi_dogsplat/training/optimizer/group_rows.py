@@ -14,14 +14,13 @@ import numpy as np
 
 from ...engine.parameters import device_array, rows_of_splats
 from ...engine.project import NO_ROW
-from ...scene.row_groups import DOG, OWN_AXES, RowGroup, row_of_splats
+from ...scene.row_groups import BESIDE_COLORS, DOG, RowGroup, row_of_splats
 from ...scene.splats import Splats
 from .adam import gather
 
-SPARSE = (DOG, *OWN_AXES)
-SPARSE_ROW_SIZE = {name: math.prod(shape) for group in SPARSE for name, shape in group.arrays.items()}
+SPARSE_ROW_SIZE = {name: math.prod(shape) for group in BESIDE_COLORS for name, shape in group.arrays.items()}
 NOBODY = np.zeros(0, np.uint32)
-SPARSE_ROW = {name: group.row for group in SPARSE for name in group.names}
+SPARSE_ROW = {name: group.row for group in BESIDE_COLORS for name in group.names}
 """Name of an array to that of the rows [N] of the primitives in it."""
 
 
@@ -38,13 +37,13 @@ class GroupRows:
     @staticmethod
     def of(splats: Splats) -> dict[str, GroupRows]:
         """Those of a model, by the names of their indices."""
-        return {group.index: GroupRows(group, getattr(splats, group.index), splats.n_splats) for group in SPARSE}
+        return {group.index: GroupRows(group, getattr(splats, group.index), splats.n_splats) for group in BESIDE_COLORS}
 
     @staticmethod
     def of_state(saved: Mapping[str, np.ndarray]) -> dict[str, GroupRows]:
         """Those in the state of an optimizer."""
         n = np.size(saved["logit_opacities"])
-        return {group.index: GroupRows(group, saved.get(group.index, NOBODY), n) for group in SPARSE}
+        return {group.index: GroupRows(group, saved.get(group.index, NOBODY), n) for group in BESIDE_COLORS}
 
     @property
     def row_size(self) -> dict[str, int]:
@@ -120,7 +119,7 @@ def group_arrays(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         values: indices and flat arrays, as in the state of an optimizer; what else there is is not looked at.
     """
     found: dict[str, np.ndarray] = {}
-    for group in SPARSE:
+    for group in BESIDE_COLORS:
         index = values.get(group.index, NOBODY)
         if len(index):
             arrays = {name: values[name].reshape(len(index), *shape) for name, shape in group.arrays.items()}
@@ -130,7 +129,7 @@ def group_arrays(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def check_groups(saved: Mapping[str, np.ndarray]) -> None:
     """Raise ``ValueError`` unless the arrays of a state have a row for each entry of their indices."""
-    for group in SPARSE:
+    for group in BESIDE_COLORS:
         m = np.size(saved.get(group.index, NOBODY))
         if wrong := [name for name in group.names if np.size(saved.get(name, ())) != m * SPARSE_ROW_SIZE[name]]:
             raise ValueError(f"SplatOptimizer.restore: {wrong} of the state does not fit its {m} rows of {group.index}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ...engine.parameters import RAW_DOG, RAW_OWN_AXES
+from ...engine.parameters import RAW_DOG, RAW_OWN_AXES, RAW_SHIFTS
 from ..milestones import scaled_milestone
 from .preconditioning import Preconditioning
 from .sh_rows import SH_INDEX
@@ -69,6 +69,8 @@ class LearningRates:
     brightness_curvatures: float = 2.5e-3
     cut_normals: float = 0.0625  # 25 times that of slopes: a normal that cuts is some units long
     second_cut_normals: float = 0.0625
+    view_shifts: float = 5e-3  # as of scales: both are in standard deviations
+    mean_views: float = 0.0  # they stay: where a primitive is stored moves
     refinement: Refinement | None = None
     preconditioning: Preconditioning | None = None
     batch_views: int = 1  # K, views whose gradients a step averages
@@ -84,7 +86,7 @@ class LearningRates:
         progress = min(step / max(self.total_steps, 1), 1.0)
         means = self.extent * self.means_start * (self.means_end / self.means_start) ** progress
         dense = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest")
-        names = (*dense, *RAW_DOG, *RAW_OWN_AXES)
+        names = (*dense, *RAW_DOG, *RAW_OWN_AXES, *RAW_SHIFTS)
         rates = {"means": means} | {name: getattr(self, name) for name in names}
         if rule := self.refinement:
             here = step, self.total_steps, self.views, n

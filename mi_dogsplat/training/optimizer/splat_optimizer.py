@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import mitsuba as mi
 import numpy as np
 
-from ...scene.row_groups import CURVATURES, CUTS, DOG, SECOND_CUTS, SH, SLOPES, RowGroup
+from ...scene.row_groups import CURVATURES, CUTS, DOG, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
 from ...scene.splats import Splats
 from ..images.tone_curve import ToneCurve
 from .adam import gather
@@ -111,6 +111,11 @@ class SplatOptimizer(TrainedArrays):
     def n_second_cuts(self) -> int:
         """Number of primitives that a second plane cuts off."""
         return len(self.index_of(SECOND_CUTS))
+
+    @property
+    def n_shifts(self) -> int:
+        """Number of primitives whose place depends on the view."""
+        return len(self.index_of(SHIFTS))
 
     def index_of(self, group: RowGroup) -> np.ndarray:
         """[M] which primitives have a row of a group: of DoG, of slopes and so on."""

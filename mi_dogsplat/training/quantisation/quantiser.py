@@ -18,7 +18,7 @@ from ...formats.coded import CODED, STEPS
 from ...formats.grids import LLOYD_ROUNDS, Extents, FileGrids, Palette, Steps
 from ...formats.symmetries import nearest_to_identity
 from ...scene.opacity import sigmoid
-from ...scene.row_groups import CURVATURES, PLANES, SLOPES
+from ...scene.row_groups import CURVATURES, PLANES, SHIFTS, SLOPES
 from ...scores.weights import weights
 from ..optimizer.faded import drop_faded
 from ..optimizer.sh_rows import bands_of
@@ -112,7 +112,7 @@ class Quantiser:
         self, tables: Tables, optimizer: SplatOptimizer, cameras: Sequence[DeviceCamera], options: RasterOptions
     ) -> None:
         """Of the ways to write a rotation down take the shortest: the moments of the others mean nothing then."""
-        held = {"slopes": (SLOPES, CURVATURES), "cuts": PLANES}
+        held = {"slopes": (SLOPES, CURVATURES), "cuts": PLANES, "shifts": (SHIFTS,)}
         for rows, groups in held.items():
             if any(len(optimizer.index_of(group)) for group in groups):
                 raise ValueError(f"Quantiser: {self.format} holds no {rows}; begin with Splats.without_{rows}()")

@@ -1,0 +1,123 @@
+"""Shifts come without a change of the pictures, learn, and go where no pixel shows them."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+from mi_dogsplat import reference
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import rasterize
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
+from mi_dogsplat.training.quantisation.quantiser import Quantiser, Tables
+from mi_dogsplat.training.strategy.shift_activation import ShiftActivation, ShiftControl, ShiftRule, shown_shifts
+from shifted_models import with_shifts
+from splat_scenes import (
+    SMOOTH_OPTIONS,
+    image_of,
+    make_camera,
+    make_splats,
+    options,
+    random_splats,
+    rasterized,
+    rounded,
+    tilted_camera,
+)
+
+CAMERAS = [tilted_camera(), make_camera()]
+
+
+def optimizer_of(splats: Splats) -> SplatOptimizer:
+    return SplatOptimizer(splats, LearningRates(extent=1.0, total_steps=1000))
+
+
+def activated(splats: Splats) -> SplatOptimizer:
+    optimizer, positions = optimizer_of(splats), np.array([camera.position for camera in CAMERAS])
+    t: Any = SimpleNamespace(optimizer=optimizer, photographs=SimpleNamespace(positions=positions))
+    (event,) = ShiftActivation(ShiftRule()).act(t)
+    assert event.record == {"kind": "shifts_activated", "count": optimizer.n}
+    return optimizer
+
+
+def test_they_begin_at_the_mean_view_of_the_training_and_move_nothing():
+    splats = rounded(random_splats(40, degree=1))
+    optimizer = activated(splats)
+    given = optimizer.to_splats()
+    assert given.n_shifts == 40 and not given.view_shifts.any()
+    offsets = np.array([splats.means - camera.position for camera in CAMERAS])
+    views = (offsets / np.linalg.norm(offsets, axis=2, keepdims=True)).mean(axis=0)
+    axes = reference.rotations(splats.quats.astype(np.float64))
+    np.testing.assert_allclose(given.mean_views, np.einsum("nxa,nx->na", axes, views), atol=1e-6)
+    for camera in CAMERAS:
+        before, after = (image_of(rasterized(s, camera), camera) for s in (splats, given))
+        np.testing.assert_array_equal(before, after)
+
+
+def test_then_every_row_learns():
+    optimizer = activated(rounded(random_splats(40, degree=1)))
+    camera = CAMERAS[0]
+    r, g, b = rasterize(optimizer.params, DeviceCamera.upload(camera), options(optimizer.to_splats())).colors
+    dr.backward(dr.square(r - 0.2) + dr.square(g - 0.4) + dr.square(b - 0.2))
+    optimizer.step()
+    shifts = optimizer.to_splats().view_shifts
+    assert np.count_nonzero(shifts.any(axis=(1, 2))) > 30
+    assert np.abs(shifts).max() == pytest.approx(5e-3, rel=1e-3)
+
+
+def one(size: float, opacity: float = 0.9, **dog) -> Splats:
+    """A white primitive that moves by ``size`` standard deviations across the picture, from its mean view."""
+    splats = make_splats([[0, 0, 3]], 0.3, opacity, 1.0, **dog)
+    splats.shift_index, splats.mean_views = np.array([0]), np.array([[0, 0, -1.0]])
+    splats.view_shifts = np.array([[[0, 0, size / 2], [0, 0, 0], [0, 0, 0]]])
+    return rounded(splats)
+
+
+def change_of_picture(splats: Splats) -> float:
+    camera = make_camera(96, 96, 90.0)
+    pictures = [image_of(rasterized(s, camera, **SMOOTH_OPTIONS), camera) for s in (splats, splats.without_shifts())]
+    return float(np.abs(pictures[0] - pictures[1]).max())
+
+
+@pytest.mark.parametrize("opacity", [0.9, 0.3])
+@pytest.mark.parametrize("dog", [{}, {"dog": [0], "f_a": 0.6, "F": 0.5}, {"dog": [0], "f_a": 0.8, "F": 1.6}],
+                         ids=["Gaussian", "narrow DoG", "wide DoG"])  # fmt: skip
+def test_what_goes_changes_no_pixel_by_a_255th_and_what_is_some_times_that_shows(opacity, dog):
+    sizes = np.geomspace(1e-4, 2, 60)
+    models = [one(size, opacity, **dog) for size in sizes]
+    shown = [bool(shown_shifts(ShiftRule(), optimizer_of(splats))[0]) for splats in models]
+    first = shown.index(True)
+    assert 0 < first < 59 and all(shown[first:])
+    assert change_of_picture(models[first - 1]) < 1 / 255
+    assert change_of_picture(one(4 * sizes[first], opacity, **dog)) > 1 / 255
+
+
+def test_the_end_leaves_out_what_no_pixel_shows():
+    splats = with_shifts(rounded(make_splats(np.random.default_rng(0).normal(size=(6, 3)), 0.3, 0.9)), every=1)
+    splats.view_shifts[[0, 2, 4]] *= 1e-3
+    optimizer = optimizer_of(splats)
+    t: Any = SimpleNamespace(optimizer=optimizer)
+    (event,) = ShiftControl(ShiftRule()).end(t, None)
+    assert event.record == {"kind": "shifts_left_out", "count": 3, "left": 3}
+    assert event.text == "shifts left out: 3, kept: 3"
+    left = optimizer.to_splats()
+    assert left.shift_index.tolist() == [1, 3, 5]
+    np.testing.assert_array_equal(left.view_shifts, splats.view_shifts[[1, 3, 5]])
+    np.testing.assert_array_equal(left.mean_views, splats.mean_views[[1, 3, 5]])
+    assert ShiftControl(ShiftRule()).end(t, None) == []
+
+
+@pytest.mark.parametrize(("changes", "words"), [({"start": -1}, "start"), ({"least": -0.1}, "least")])
+def test_a_number_out_of_range_is_refused_by_name(changes, words):
+    with pytest.raises(ValueError, match=f"ShiftRule: {words} is"):
+        ShiftRule(**changes)
+
+
+def test_what_sees_a_model_as_a_file_without_them_refuses_them():
+    splats = with_shifts(random_splats(6, degree=1, dog_share=0))
+    camera = DeviceCamera.upload(CAMERAS[0])
+    with pytest.raises(ValueError, match=r"Quantiser: spz holds no shifts; begin with Splats.without_shifts\(\)"):
+        Quantiser("spz").before_step(Tables(), optimizer_of(replace(splats)), [camera], options(splats), 0, 10)
