@@ -2,7 +2,7 @@
 
 TIMINGS = {"versus_volprim": "renderers", "training_step": "engine", "lean": "engine"}
 EXPERIMENTS = {
-    "engine": ("cuts", "dog_share", "loss", "million", "mixed_sh", "scaling", "slopes"),
+    "engine": ("cuts", "dog_share", "loss", "million", "mixed_sh", "scaling", "shifts", "slopes"),
     "processors": ("device_memory", "floor", "launches", "warps", "widths"),
     "renderers": ("ellipsoids", "renderers"),
     "numerics": ("curvature", "derivatives", "poison", "popping", "stiffness"),

@@ -8,7 +8,7 @@ from bpy.app.translations import pgettext_iface as iface_
 from .editing.paint_operators import painted_model
 from .editing.stand_in import stand_in_of
 from .engine.settings import ENGINE
-from .files.model import CURVATURES, PLANES, SLOPES
+from .files.model import CURVATURES, PLANES, SHIFTS, SLOPES
 from .nodes.crop import NAME as CROP
 from .nodes.limits import NAME as LIMITS
 from .nodes.modifier import SHOWN, edit_modifiers, has_input, input_property, splat_modifier, tree_name
@@ -106,6 +106,8 @@ def _note_groups(layout: bpy.types.UILayout, scene: bpy.types.Scene, obj: bpy.ty
         layout.label(text="Blender draws mean brightness, no curvatures", icon="INFO")
     if has_any(obj, *PLANES):
         layout.label(text="Blender draws whole splats, no cuts", icon="INFO")
+    if has_any(obj, SHIFTS):
+        layout.label(text="Blender draws mean places, no shifts", icon="INFO")
 
 
 class DOGSPLAT_PT_edit(bpy.types.Panel):

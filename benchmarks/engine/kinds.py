@@ -1,8 +1,8 @@
 """Times of one model made of several kinds of primitives, as a table: what a kind costs beside plain Gaussians.
 
-All primitives have what a row says; DoG are of f_a .05 and F .6. Slopes and normals are random, which costs what any
-others do. Colours are the same from all sides. All rows are timed in turns, medians; "x" is the time against the first.
-Operations are the compositor's, per primitive and pixel.
+All primitives have what a row says; DoG are of f_a .05 and F .6. Slopes, normals and the like are random, which costs
+what any others do. Colours are the same from all sides. All rows are timed in turns, medians; "x" is the time against
+the first. Operations are the compositor's, per primitive and pixel.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def compare(flags: Sequence[str], name: str, description: str | None, kinds: Map
     args = parser.parse_args(flags)
     mi.set_variant(args.variant)
     model, camera = load(args)
-    plain = model.plain().without_slopes().without_cuts()  # and without curvatures and second cuts
+    plain = model.plain().without_slopes().without_cuts().without_shifts()  # and without curvatures and second cuts
     models = {kind: make(plain) for kind, make in kinds.items()}
     runs: dict[str, Callable[[], None]] = {}
     for kind, splats in models.items():
@@ -97,3 +97,10 @@ def with_two_cuts(splats: Splats) -> Splats:
     n, cut = splats.n_splats, with_cuts(splats)
     normals = np.random.default_rng(3).normal(0, 1, (n, 3))
     return replace(cut, second_cut_index=np.arange(n), second_cut_normals=normals)
+
+
+def with_shifts(splats: Splats) -> Splats:
+    """All primitives at places that depend on the view, some half a standard deviation from their mean ones."""
+    n, rng = splats.n_splats, np.random.default_rng(4)
+    shifts, views = rng.normal(0, 0.5, (n, 3, 3)), rng.uniform(-0.5, 0.5, (n, 3))
+    return replace(splats, shift_index=np.arange(n), view_shifts=shifts, mean_views=views)

@@ -20,7 +20,7 @@ from mi_dogsplat.engine.parameters import RAW, RAW_DOG
 from mi_dogsplat.reference.forward import raw_indices, raw_names
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba, opencv_w2c_to_mitsuba_c2w
-from mi_dogsplat.scene.row_groups import CURVATURES, PLANES, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CURVATURES, PLANES, SHIFTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from scipy.spatial.transform import Rotation
 
@@ -81,9 +81,9 @@ def broad_splats() -> Splats:
 
 def with_rows(group: RowGroup, size: float, splats: Splats) -> Splats:
     """The same where every second primitive is in the group, of DoG primitives and of others, with values of a size."""
-    index, ((name, row),) = np.flatnonzero(np.arange(splats.n_splats) % 4 > 1), group.arrays.items()
-    values = np.random.default_rng(6).normal(0, size, (len(index), *row))
-    return replace(splats, **{group.index: index, name: values})
+    index, rng = np.flatnonzero(np.arange(splats.n_splats) % 4 > 1), np.random.default_rng(6)
+    values = {name: rng.normal(0, size, (len(index), *row)) for name, row in group.arrays.items()}
+    return replace(splats, **{group.index: index}, **values)
 
 
 def dog_dict(splats: Splats, **others: Any) -> dict[str, Any]:
@@ -143,12 +143,13 @@ def _of_splats() -> list[Case]:
         return twin_image(SimpleNamespace(**raw, **raw_indices(splats)))
 
     def of_group(group, size):
-        (name,), model = group.names, partial(with_rows, group, size)
-        return Case(f"`{name}`", partial(move, name), lambda splats, θ: twin(name, model(splats), θ), step=0.4,
-                    model=model)
+        model = partial(with_rows, group, size)
+        return [Case(f"`{name}`", partial(move, name), lambda splats, θ, name=name: twin(name, model(splats), θ),
+                     step=0.4, model=model) for name in group.names]
 
     whole = [Case(f"`{name}`", partial(move, name), partial(twin, name), step=0.4) for name in RAW + RAW_DOG]
-    return [*whole, of_group(SLOPES, 0.1), of_group(CURVATURES, 0.1), *(of_group(plane, 2.0) for plane in PLANES)]
+    groups = [(SLOPES, 0.1), (CURVATURES, 0.1), *((plane, 2.0) for plane in PLANES), (SHIFTS, 0.05)]
+    return [*whole, *(case for group in groups for case in of_group(*group))]
 
 
 def _axis(k: int) -> np.ndarray:

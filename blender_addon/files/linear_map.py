@@ -32,7 +32,8 @@ def check_regular(linear: NDArray) -> None:
 def mapped(model: Model, linear: NDArray) -> Model:
     """A model after a regular map [3, 3], its means left as they are."""
     scales = np.exp(model.log_scales.astype(np.float64))
-    columns = linear @ rotations(normalized(model.quats).astype(np.float64))  # [N, 3, 3]
+    axes = rotations(normalized(model.quats).astype(np.float64))  # [N, 3, 3]
+    columns = linear @ axes
     u, sizes, _ = np.linalg.svd(columns * scales[:, None])
     u = u * np.where(np.linalg.det(u) < 0, -1.0, 1.0)[:, None, None]  # a rotation, no reflection: Σ' is the same
     sizes = np.maximum(sizes, LEAST)
@@ -49,6 +50,7 @@ def mapped(model: Model, linear: NDArray) -> Model:
         sh_coeffs=np.einsum("ij,njc->nic", project, model.sh_coeffs.astype(np.float64)).astype(np.float32),
         dog_log_scales=np.where(model.is_dog[:, None], log_factors, model.dog_log_scales).astype(np.float32),
         brightness_curvatures=_turned(along, model.brightness_curvatures),
+        shifts=_shifted(model.shifts, linear, along, axes, u),
         **taken,
     )
 
@@ -67,8 +69,34 @@ def _turned(along: NDArray, curvatures: NDArray) -> NDArray[np.float32]:
     return turned[:, ROWS, COLUMNS].astype(np.float32)
 
 
+def _shifted(shifts: NDArray, linear: NDArray, along: NDArray, before: NDArray, after: NDArray) -> NDArray[np.float32]:
+    """Shifts [N, 4 or 0, 3] of primitives with the axes R' ``after`` a map, which had R ``before``, both [N, 3, 3].
+
+    An orthogonal T, ``along`` [N, 3, 3], takes their moves to the new axes. A view v' along these is D v' along the old
+    ones, D = Rᵀ K R' with the matrix K of ``view_projection``. So A becomes T A D, and the view u becomes D⁻¹ u.
+    """
+    if not shifts.shape[1]:
+        return shifts
+    directions = before.swapaxes(1, 2) @ view_projection(linear) @ after
+    moves = along @ shifts[:, :3].astype(np.float64) @ directions
+    views = shifts[:, 3:].astype(np.float64) @ np.linalg.inv(directions).swapaxes(1, 2)
+    return np.concatenate([moves, views], axis=1, dtype=np.float32)
+
+
 def sh_projection(linear: NDArray, degree: int) -> NDArray[np.float64]:
     """Matrix [K, K] from the coefficients of f to those nearest to d ↦ f(A⁻¹ d / |A⁻¹ d|)."""
+    directions, weights, back = _sphere(linear)
+    return (sh_basis(directions, degree) * weights[:, None]).T @ sh_basis(back, degree)
+
+
+def view_projection(linear: NDArray) -> NDArray[np.float64]:
+    """Matrix [3, 3] that takes a unit vector d as near to A⁻¹ d / |A⁻¹ d| as one can: in the mean of squares."""
+    directions, weights, back = _sphere(linear)
+    return 3 / (4 * np.pi) * (back * weights[:, None]).T @ directions
+
+
+def _sphere(linear: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """(Directions d [D, 3] of the quadrature, their weights [D], A⁻¹ d / |A⁻¹ d| [D, 3])."""
     heights, weights = np.polynomial.legendre.leggauss(POLAR)
     angles = np.arange(AROUND) * 2 * np.pi / AROUND
     z, angle = (grid.ravel() for grid in np.meshgrid(heights, angles, indexing="ij"))
@@ -76,5 +104,4 @@ def sh_projection(linear: NDArray, degree: int) -> NDArray[np.float64]:
     directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
     back = directions @ np.linalg.inv(linear).T
     back /= np.linalg.norm(back, axis=1, keepdims=True)
-    weighted = sh_basis(directions, degree) * np.repeat(weights * 2 * np.pi / AROUND, AROUND)[:, None]
-    return weighted.T @ sh_basis(back, degree)
+    return directions, np.repeat(weights * 2 * np.pi / AROUND, AROUND), back

@@ -2,8 +2,8 @@
 
 Nothing here knows Blender, so it can be tested with any Python. Raw values (``log_``, ``logit_``) are what files hold;
 every other name is activated. DoG values have a row for every primitive; those of a plain Gaussian mean nothing. So
-have slopes, of colours that vary over their primitive, curvatures, of a brightness that curves over it, and cuts and
-second cuts, of planes that cut one off, where any primitive has them.
+have slopes, of colours that vary over their primitive, curvatures, of a brightness that curves over it, cuts and second
+cuts, of planes that cut one off, and shifts, of a place that depends on the view, where any primitive has them.
 """
 
 from __future__ import annotations
@@ -39,9 +39,10 @@ SLOPES = RowGroup("has_slopes", "color_slopes", (3, 3))
 CURVATURES = RowGroup("has_curvatures", "brightness_curvatures", (6,))
 CUTS = RowGroup("has_cuts", "cut_normals", (3,))
 SECOND_CUTS = RowGroup("has_second_cuts", "second_cut_normals", (3,))
+SHIFTS = RowGroup("has_shifts", "shifts", (4, 3))
 PLANES = (CUTS, SECOND_CUTS)  # each with or without the other
 ALONG_AXES = (SLOPES, *PLANES)  # values per standard deviation along the axes, which come first
-GROUPS = (SLOPES, CURVATURES, *PLANES)
+GROUPS = (SLOPES, CURVATURES, *PLANES, SHIFTS)
 
 
 @dataclass(eq=False)
@@ -64,6 +65,8 @@ class Model:
     cut_normals: Array  # [N, 3] along the axes, per standard deviation; [N, 0] where none has any
     has_second_cuts: NDArray[np.bool_]  # [N]
     second_cut_normals: Array  # [N, 3] or [N, 0], as of the others
+    has_shifts: NDArray[np.bool_]  # [N]
+    shifts: Array  # [N, 4, 3] rows of A, and the view u: seen along v it moves by A (Rᵀ v - u), in standard deviations
 
     @property
     def n_splats(self) -> int:

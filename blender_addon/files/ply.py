@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 
 from .errors import FileError
-from .model import CURVATURES, CUTS, SECOND_CUTS, SLOPES, Model
+from .model import CURVATURES, CUTS, SECOND_CUTS, SHIFTS, SLOPES, Model
 from .whole import write_whole
 
 _POSITION = ("x", "y", "z")
@@ -25,9 +25,11 @@ _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 _CUT = ("cut_0", "cut_1", "cut_2")
+_SHIFT = (*(f"shift_{i}" for i in range(9)), "view_0", "view_1", "view_2")  # axis by axis, by each of the view
 _GROUPS = {"slopes": (SLOPES, tuple(f"slope_{i}" for i in range(9))),  # axis by axis, three channels each
            "curvatures": (CURVATURES, tuple(f"curvature_{i}" for i in range(6))),
-           "cuts": (CUTS, _CUT), "second_cuts": (SECOND_CUTS, _CUT)}  # fmt: skip
+           "cuts": (CUTS, _CUT), "second_cuts": (SECOND_CUTS, _CUT),
+           "shifts": (SHIFTS, _SHIFT)}  # fmt: skip
 _ELEMENTS = ("vertex", "dog", *_GROUPS, "sh1", "sh2", "sh3")
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",

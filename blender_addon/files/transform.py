@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .linear_map import check_regular, mapped
-from .model import ALONG_AXES, Model, normalized
+from .model import ALONG_AXES, SHIFTS, Model, normalized
 from .rotation import quaternion_from_rotation, quaternion_product
 from .sh import sh_rotation
 
@@ -37,8 +37,14 @@ def transformed(model: Model, matrix: np.ndarray) -> Model:
         log_scales=(model.log_scales + np.log(scale)).astype(np.float32),
         quats=quats.astype(np.float32),
         sh_coeffs=np.einsum("ij,njc->nic", turn, model.sh_coeffs.astype(np.float64)).astype(np.float32),
-        **({} if turns else {group.values: -getattr(model, group.values) for group in ALONG_AXES}),
+        **({} if turns else _turned_round(model)),
     )
+
+
+def _turned_round(model: Model) -> dict[str, np.ndarray]:
+    """What is told along axes that all point the other way now; a move and its view both do, so their matrix stays."""
+    views = np.concatenate([model.shifts[:, :3], -model.shifts[:, 3:]], axis=1)
+    return {SHIFTS.values: views} | {group.values: -getattr(model, group.values) for group in ALONG_AXES}
 
 
 def mean_scale(linear: np.ndarray) -> float:

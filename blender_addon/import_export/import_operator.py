@@ -141,12 +141,13 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         total = sum(model.n_splats for _, model, _ in models)
         dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
         having = [sum(int(getattr(model, group.has).sum()) for _, model, _ in models) for group in GROUPS]
-        slopes, curvatures, cuts, second = having
+        slopes, curvatures, cuts, second, shifts = having
         counts = [told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog)]
         counts += [told("{n:,} with slopes", n=slopes)] if slopes else []
         counts += [told("{n:,} with curvatures", n=curvatures)] if curvatures else []
         counts += [told("{n:,} with a cut", n=cuts)] if cuts else []
         counts += [told("{n:,} with a second cut", n=second)] if second else []
+        counts += [told("{n:,} with shifts", n=shifts)] if shifts else []
         self.report({"INFO"}, ", ".join(counts))
         return {"FINISHED"}
 

@@ -16,6 +16,7 @@ from ..files.model import (
     CURVATURES,
     CUTS,
     SECOND_CUTS,
+    SHIFTS,
     SLOPES,
     Model,
     RowGroup,
@@ -38,6 +39,7 @@ OF_GROUPS = {  # where any splat has rows of the group: the attribute that is 1 
     CURVATURES: ("dog:has_curvatures", CURVATURE_VECTORS),
     CUTS: ("dog:has_cuts", ("dog:cut_normal",)),
     SECOND_CUTS: ("dog:has_second_cuts", ("dog:second_cut_normal",)),
+    SHIFTS: ("dog:has_shifts", (*(f"dog:shift_{axis}" for axis in "xyz"), "dog:mean_view")),
 }
 RAW_LOGITS = "dog:raw_logits"  # logit opacity, logit of the opacity factor, 0
 RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:raw_factor"

@@ -89,7 +89,7 @@ class InProcess:
     def convert(self, path: Path, out: Path, bake: bool = False) -> None:
         """A model of any format as a PLY with comments, its DoG kept or baked into plain Gaussians.
 
-        Slopes, curvatures and cuts stay: the whole primitive nearest to one with a cut is elsewhere. Raises
+        Slopes, curvatures, cuts and shifts stay: the whole primitive nearest to one with a cut is elsewhere. Raises
         ``FileError`` and ``RendererError``.
         """
         try:

@@ -290,6 +290,7 @@ REST = {
     "Blender draws mean colors, no slopes": "Blender zeichnet mittlere Farben, keine Verläufe",
     "Blender draws mean brightness, no curvatures": "Blender zeichnet mittlere Helligkeit, keine Krümmungen",
     "Blender draws whole splats, no cuts": "Blender zeichnet ganze Splats, keine Schnitte",
+    "Blender draws mean places, no shifts": "Blender zeichnet mittlere Orte, keine Verschiebungen",
     "No splat modifier: import the model again": "Kein Splat-Modifikator: Modell neu importieren",
     "{name}: {count:,} splats": "{name}: {count:,} Splats",
     # Native splats

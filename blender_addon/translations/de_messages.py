@@ -7,6 +7,7 @@ MESSAGES = {
     "{n:,} with curvatures": "{n:,} mit Krümmungen",
     "{n:,} with a cut": "{n:,} mit einem Schnitt",
     "{n:,} with a second cut": "{n:,} mit einem zweiten Schnitt",
+    "{n:,} with shifts": "{n:,} mit Verschiebungen",
     "{count:,} splats exported": "{count:,} Splats exportiert",
     "{count:,} splats deleted": "{count:,} Splats gelöscht",
     "{count} cameras imported": "{count} Kameras importiert",

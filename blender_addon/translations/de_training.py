@@ -16,6 +16,7 @@ OWN = {
     "Ours, Preconditioned": "Unsere, vorkonditioniert",
     "Ours with Second Cuts": "Unsere mit zweiten Schnitten",
     "Ours with Curvatures": "Unsere mit Krümmungen",
+    "Ours with Shifts": "Unsere mit Verschiebungen",
     "Paper": "Veröffentlichung",
     "Released": "Veröffentlichter Code",
     "3DGS": "3DGS",
@@ -81,6 +82,9 @@ REST = {
     ),
     "As with second cuts, and a brightness that curves over each splat": (
         "Wie mit zweiten Schnitten, und mit einer Helligkeit, die über jeden Splat gekrümmt verläuft"
+    ),
+    "As with curvatures, and places of splats that depend on the view": (
+        "Wie mit Krümmungen, und mit Orten von Splats, die von der Blickrichtung abhängen"
     ),
     "The published method, as it is printed": "Das veröffentlichte Verfahren, wie es gedruckt steht",
     "The published method, as in its code": "Das veröffentlichte Verfahren, wie in seinem veröffentlichten Code",

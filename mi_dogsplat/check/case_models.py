@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import Camera
-from ..scene.row_groups import DOG, OWN_AXES
+from ..scene.quaternions import rotation_from_quaternion
+from ..scene.row_groups import BESIDE_COLORS, OWN_AXES, SHIFTS
 from ..scene.sh_basis import C0
 from ..scene.splats import DENSE, Splats
 
@@ -17,6 +18,7 @@ SCALES = (0.2, 0.3, 0.45)
 SLOPES_OF_ONE = 0.4 * np.sin(1 + np.arange(9)).reshape(3, 3)
 CURVATURES_OF_ONE = 0.3 * np.cos(1 + np.arange(6))
 NORMAL_OF_ONE, SECOND_NORMAL_OF_ONE = np.array([-3.0, 4, 2]), np.array([4.0, 2, -3])
+SHIFTS_OF_ONE, VIEW_OF_ONE = 0.5 * np.sin(2 + np.arange(9)).reshape(3, 3), np.array([0.3, -0.4, 0.5])
 _K = np.array([[0, -0.1, -0.2], [0.1, 0, -0.3], [0.2, 0.3, 0]])
 TURN = np.linalg.solve(np.eye(3) - _K, np.eye(3) + _K)  # world to camera, a rotation (Cayley)
 
@@ -32,7 +34,7 @@ def primitives(
     means: Any, scales: Any = SCALES, opacity: Any = 0.6, quats: Any = (0.3, -0.2, 0.5, 0.8),
     color: Any = (0.9, 0.5, 0.2), logits: Any = None, dog: bool = False, f_a: Any = 0.5, F: Any = 1.6,
     log_scales: Any = None, slopes: Any = None, curvatures: Any = None, normals: Any = None,
-    second_normals: Any = None,
+    second_normals: Any = None, shifts: Any = None, mean_view: Any = VIEW_OF_ONE,
 ) -> Splats:  # fmt: skip
     """One primitive per row of ``means`` (camera space of ``camera()``), SH degree 1; scalars are spread."""
     means = np.asarray(means, float).reshape(-1, 3) @ TURN
@@ -53,6 +55,7 @@ def primitives(
         means=means, log_scales=np.broadcast_to(log_scales, (n, 3)), quats=np.broadcast_to(quats, (n, 4)),
         logit_opacities=logits, sh_coeffs=sh, **(dog_part if dog else {}),
         **_own_axes(np.arange(n), slopes, curvatures, normals, second_normals),
+        **_shifts(np.arange(n), shifts, mean_view),
     )  # fmt: skip
 
 
@@ -66,27 +69,53 @@ def _own_axes(index: np.ndarray, *given: Any) -> dict[str, np.ndarray]:
     return found
 
 
+def own_views(splats: Splats) -> np.ndarray:
+    """[N, 3] from where ``camera()`` sees the primitives, along their own axes."""
+    views = splats.means.astype(float)
+    views /= np.linalg.norm(views, axis=1, keepdims=True)
+    return np.einsum("nxa,nx->na", rotation_from_quaternion(splats.quats), views)
+
+
+def moved(splats: Splats, way: Any) -> Splats:
+    """All primitives with the least shifts by which ``camera()`` sees them moved by ``way``, in its space."""
+    n, turned = splats.n_splats, np.asarray(way, float) @ TURN
+    views = own_views(splats) - VIEW_OF_ONE
+    ways = np.einsum("nxa,x->na", rotation_from_quaternion(splats.quats), turned) / splats.scales
+    shifts = ways[:, :, None] * (views / (views**2).sum(axis=1, keepdims=True))[:, None]
+    return replace(splats, **_shifts(np.arange(n), shifts, VIEW_OF_ONE))
+
+
+def _shifts(index: np.ndarray, shifts: Any, mean_view: Any) -> dict[str, np.ndarray]:
+    """Those of the primitives ``index``, where there are some."""
+    if shifts is None:
+        return {}
+    values = zip(SHIFTS.arrays.items(), (shifts, mean_view), strict=True)
+    rows = {name: np.broadcast_to(value, (len(index), *row)) for (name, row), value in values}
+    return {SHIFTS.index: index, **rows}
+
+
 def bystanders(
-    slopes: Any = None, curvatures: Any = None, normals: Any = None, second_normals: Any = None
+    slopes: Any = None, curvatures: Any = None, normals: Any = None, second_normals: Any = None, shifts: Any = None
 ) -> Splats:
-    """Twelve ordinary primitives around a distance of 4, three of them DoG; ``slopes`` [3, 3], ``curvatures`` [6] and
-    normals [3] are those of six."""
+    """Twelve ordinary primitives around a distance of 4, three of them DoG; ``slopes`` and ``shifts`` [3, 3],
+    ``curvatures`` [6] and normals [3] are those of six."""
     rng = np.random.default_rng(7)
     means = rng.uniform([-1.6, -1.3, 0.7], [1.6, 1.3, 1.6], (12, 3)) * (1, 1, 4)
     scales = 0.25 * np.exp(rng.normal(0, 0.4, (12, 3)))
     color, quats = rng.uniform(0.1, 1, (12, 3)), rng.normal(size=(12, 4))
     plain = primitives(means[:9], scales[:9], rng.uniform(0.2, 0.9, 9), quats[:9], color[:9])
     splats = together(plain, primitives(means[9:], scales[9:], 0.7, quats[9:], color[9:], dog=True))
-    return replace(splats, **_own_axes(np.arange(0, 12, 2), slopes, curvatures, normals, second_normals))
+    six = np.arange(0, 12, 2)
+    rows = _own_axes(six, slopes, curvatures, normals, second_normals) | _shifts(six, shifts, VIEW_OF_ONE)
+    return replace(splats, **rows)
 
 
 def together(*parts: Splats) -> Splats:
     """Several models as one."""
     first = np.cumsum([0, *(p.n_splats for p in parts[:-1])])
-    groups = (DOG, *OWN_AXES)
-    names = [*DENSE, *(name for group in groups for name in group.names)]
+    names = [*DENSE, *(name for group in BESIDE_COLORS for name in group.names)]
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
-    for group in groups:
+    for group in BESIDE_COLORS:
         indices = [getattr(p, group.index).astype(np.int64) + k for p, k in zip(parts, first, strict=True)]
         joined[group.index] = np.concatenate(indices)
     return Splats(**joined)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import Camera
-from ..scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES
+from ..scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SHIFTS, SLOPES
 from ..scene.splats import Splats
 from .case_models import (
     C0,
@@ -23,10 +23,13 @@ from .case_models import (
     NORMAL_OF_ONE,
     SCALES,
     SECOND_NORMAL_OF_ONE,
+    SHIFTS_OF_ONE,
     SLOPES_OF_ONE,
     WIDTH,
     bystanders,
     camera,
+    moved,
+    own_views,
     primitives,
     together,
 )
@@ -59,6 +62,7 @@ def cases(layers: int = 10_000) -> Iterator[Case]:
     yield from _slopes()
     yield from _curvatures()
     yield from _cuts()
+    yield from _shifts()
     yield from _not_finite()
     yield from _cameras()
 
@@ -70,6 +74,7 @@ def _case(group: str, name: str, extreme: Splats, defined: str = "", view: Camer
         CURVATURES_OF_ONE if extreme.n_curvatures else None,
         NORMAL_OF_ONE if extreme.n_cuts else None,
         SECOND_NORMAL_OF_ONE if extreme.n_second_cuts else None,
+        SHIFTS_OF_ONE if extreme.n_shifts else None,
     )
     splats = together(neighbours, extreme)
     rows = np.arange(neighbours.n_splats, splats.n_splats)
@@ -234,9 +239,31 @@ def _cuts() -> Iterator[Case]:
     yield cut("300 that two planes cut off", many, 0.3, normals=various, second_normals=various[::-1])
 
 
+def _shifts() -> Iterator[Case]:
+    def shifted(name: str, means: Any = (0.1, 0.2, 4), *given: Any, shifts: Any = SHIFTS_OF_ONE, **more: Any) -> Case:
+        return _case("shifts", name, primitives(means, *given, shifts=shifts, **more))
+
+    yield from _along_own_axes(shifted)
+    for size in (0, 1e-30, 1e-3, 10, 100, 1e4, 1e8, 1e30):
+        yield shifted(f"shifts of {size:g} times the ordinary", shifts=size * SHIFTS_OF_ONE)
+    for size in (10, 100):
+        near = own_views(primitives((0.1, 0.2, 4))) + np.array([0.5, -0.3, 0.2]) / size
+        name = f"shifts of {size:g} times the ordinary, seen nearly as on average"
+        yield shifted(name, shifts=size * SHIFTS_OF_ONE, mean_view=near)
+    for z, name in ((-1, "stored behind the camera, seen before it"), (2, "stored before the camera, seen behind it")):
+        yield _case("shifts", name, moved(primitives((0.1, 0.2, z)), (0, 0, -4 * np.sign(z))))
+    rng = np.random.default_rng(12)
+    many, various = rng.uniform([-1.2, -1, 3], [1.2, 1, 5], (300, 3)), rng.normal(0, 0.5, (300, 3, 3))
+    yield shifted("300 of a thousandth of a pixel", many, (1e-4, 2e-4, 3e-4), shifts=various)
+    yield shifted("300 of various shifts", many, 0.3, shifts=various)
+    yield shifted("20 that fill the screen", many[:20], (20, 30, 40), 0.3, shifts=various[:20])
+    rest = {"slopes": SLOPES_OF_ONE, "curvatures": CURVATURES_OF_ONE, "normals": NORMAL_OF_ONE}
+    yield shifted("with slopes and curvatures and cut off", **rest)
+
+
 def _not_finite() -> Iterator[Case]:
     names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales",
-             "color_slopes", "brightness_curvatures", "cut_normals", "second_cut_normals")  # fmt: skip
+             "color_slopes", "brightness_curvatures", "cut_normals", "second_cut_normals", *SHIFTS.names)  # fmt: skip
     for name in names:
         slopes = SLOPES_OF_ONE if name in (*SLOPES.names, "log_scales") else None  # which a size changes, too
         normals = NORMAL_OF_ONE if name in (*CUTS.names, "log_scales") else None
@@ -246,8 +273,9 @@ def _not_finite() -> Iterator[Case]:
             pair = [(0.1, 0.2, 3), (0.3, 0.2, 3.2)]
             second_normals = SECOND_NORMAL_OF_ONE if name in SECOND_CUTS.names else None
             curvatures = CURVATURES_OF_ONE if name in CURVATURES.names else None
+            shifts = SHIFTS_OF_ONE if name in (*SHIFTS.names, "log_scales") else None
             extreme = primitives(pair, dog=name.startswith("dog"), slopes=slopes, curvatures=curvatures,
-                                 normals=normals, second_normals=second_normals)  # fmt: skip
+                                 normals=normals, second_normals=second_normals, shifts=shifts)  # fmt: skip
             broken = getattr(extreme, name).copy()
             broken.reshape(2, -1)[0, -1] = value
             broken_splats = replace(extreme, **{name: broken})
@@ -264,10 +292,10 @@ def _cameras() -> Iterator[Case]:
         yield _case("camera", f"field of view {degrees} degrees", ordinary, view=camera(focal=focal))
     for distance in (1e3, 1e6):
         centre = distance * np.array([0.6, -0.64, 0.48])
-        moved = together(bystanders(), ordinary)
-        moved = replace(moved, means=moved.means.astype(float) + centre)
-        rows = np.array([moved.n_splats - 1])
-        yield Case("camera", f"scene {distance:g} from the origin", moved, camera(centre=centre), rows)
+        far = together(bystanders(), ordinary)
+        far = replace(far, means=far.means.astype(float) + centre)
+        rows = np.array([far.n_splats - 1])
+        yield Case("camera", f"scene {distance:g} from the origin", far, camera(centre=centre), rows)
     for unit in (1e-9, 1e-6, 1e6, 1e9):
         scaled = together(bystanders(), ordinary)
         means, log_scales = scaled.means.astype(float) * unit, scaled.log_scales + np.log(unit)

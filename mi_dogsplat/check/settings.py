@@ -22,7 +22,7 @@ BOUND = {"16": 16.0, "4": 4.0, "2": 2.0, "1": 1.0, "1/4": 1 / 4, "1/16": 1 / 16}
 PATCH = {"1 x 1": 1, "2 x 2": 2, "4 x 4": 4}
 KEPT = {"100 %": 1.0, "75 %": 0.75, "50 %": 0.5, "25 %": 0.25, "10 %": 0.1, "5 %": 0.05}
 GROUPS = ("alpha cutoff", "transmittance cutoff", "bound", "exponentials", "primitives kept", "SH degree", "DoG",
-          "slopes", "curvatures", "cuts", "second cuts")  # fmt: skip
+          "slopes", "curvatures", "cuts", "second cuts", "shifts")  # fmt: skip
 
 LEAVE_ONE_OUT = ScoreRule("leave-one-out", spectral_weight=0.0)
 
@@ -98,6 +98,9 @@ def settings(scene: Scene) -> list[Setting]:
         if splats.n_second_cuts:
             yield "second cuts", "without second cuts", default, Model.of(splats.without_second_cuts(), whole.kept)
             yield "second cuts", "with second cuts", default, whole
+        if splats.n_shifts:
+            yield "shifts", "without shifts", default, Model.of(splats.without_shifts(), whole.kept)
+            yield "shifts", "with shifts", default, whole
 
     alone = {"default": default, "no cutoffs": replace(default, cutoffs=SMOOTH)}
     return [*(Setting("", *point, whole) for point in alone.items()), *(Setting(*point) for point in points())]

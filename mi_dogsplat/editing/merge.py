@@ -31,7 +31,7 @@ def merge(splats: Splats, target: int, resolution: float, weights: Array | None 
     """``target`` Gaussians of the moments of what was near each other.
 
     Args:
-        splats: finite parameters; DoG, slopes, curvatures and cuts are left out of account.
+        splats: finite parameters; DoG, slopes, curvatures, cuts and shifts are left out of account.
         target: number of primitives, at least 1; a smaller model stays as it is.
         resolution: world units, below which shapes are alike.
         weights: [N] > 0, how much of each primitive is seen; None: its opacity over its area.

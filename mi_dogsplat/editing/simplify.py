@@ -101,6 +101,9 @@ def simplify_model(
     if splats.is_cut.any():
         cut = counted(splats.is_cut.sum(), "primitive")
         left_out.append(f"the cuts of {cut} are left out: what is merged is whole")
+    if splats.n_shifts:
+        shifted = counted(splats.n_shifts, "primitive")
+        left_out.append(f"the shifts of {shifted} are left out: what is merged stands still")
     if splats.is_varied.any():
         varied = counted(splats.is_varied.sum(), "primitive")
         left_out.append(f"the {varying(splats)} of {varied} are left out: what is merged has a mean colour")
@@ -127,7 +130,8 @@ def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int, up: st
 
 def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Splats:
     """``target`` plain Gaussians, merged by how much of each primitive the cameras see (Σ α T over all pixels)."""
-    plain = whole(baked(splats) if splats.n_dog else splats).without_slopes()
+    still = splats.without_shifts()
+    plain = whole(baked(still) if still.n_dog else still).without_slopes()
     needed = Unneeded.of(plain).taken_out(plain).uniform_sh()
     seen = amounts_seen(needed, cameras, look)
     seen = np.maximum(seen, LEAST_WEIGHT * (seen.mean() or 1.0))

@@ -63,12 +63,13 @@ def aov_operations(names: tuple[str, ...], dog: bool, variant: str) -> float:
 
 @lru_cache
 def primitive_operations(
-    options: RasterOptions, dog: bool, variant: str, slopes: bool = False, curvatures: bool = False, cuts: int = 0
-) -> float:
+    options: RasterOptions, dog: bool, variant: str, slopes: bool = False, curvatures: bool = False, cuts: int = 0,
+    shifts: bool = False,
+) -> float:  # fmt: skip
     """Operations of the projection per primitive; with ``dog``, per DoG primitive, with ``slopes``, per one whose
-    colour varies over it, with ``curvatures``, whose brightness curves, with ``cuts``, that so many planes cut off.
-    ``variant``: the active one."""
-    splats, camera = _model(options.sh_degree, dog, slopes, curvatures, cuts)
+    colour varies over it, with ``curvatures``, whose brightness curves, with ``cuts``, that so many planes cut off,
+    with ``shifts``, whose place depends on the view. ``variant``: the active one."""
+    splats, camera = _model(options.sh_degree, dog, slopes, curvatures, cuts, shifts)
     params = upload(splats)
 
     def run() -> None:
@@ -123,12 +124,12 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
 
 
 def _model(
-    sh_degree: int, dog: bool, slopes: bool = False, curvatures: bool = False, cuts: int = 0
+    sh_degree: int, dog: bool, slopes: bool = False, curvatures: bool = False, cuts: int = 0, shifts: bool = False
 ) -> tuple[Splats, DeviceCamera]:
     """A model in front of a camera; what it shows matters to no kernel."""
     rng = np.random.default_rng(0)
-    kinds = dog, slopes, curvatures, cuts > 0, cuts > 1
-    index, sloped, curved, cut, cut_twice = (np.arange(N if some else 0) for some in kinds)
+    kinds = dog, slopes, curvatures, cuts > 0, cuts > 1, shifts
+    index, sloped, curved, cut, cut_twice, shifted = (np.arange(N if some else 0) for some in kinds)
     splats = Splats(
         means=rng.uniform([-1, -1, 2], [1, 1, 4], (N, 3)),
         log_scales=np.full((N, 3), -2),
@@ -146,5 +147,8 @@ def _model(
         cut_normals=np.zeros((len(cut), 3)),
         second_cut_index=cut_twice,
         second_cut_normals=np.zeros((len(cut_twice), 3)),
+        shift_index=shifted,
+        view_shifts=np.zeros((len(shifted), 3, 3)),
+        mean_views=np.zeros((len(shifted), 3)),
     )
     return splats, DeviceCamera.upload(Camera(np.eye(4), SIZE, SIZE, SIZE / 2, SIZE / 2, SIZE, SIZE))

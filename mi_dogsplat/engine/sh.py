@@ -24,7 +24,8 @@ def unit(direction: list) -> list:
 
 def unit_basis(direction: list, degree: int) -> list:
     """``sh_basis`` at directions of any length."""
-    return sh_basis(*unit(direction), degree)
+    x, y, z = unit(direction)
+    return sh_basis(x, y, z, degree)
 
 
 def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Bool, degree: int) -> list:

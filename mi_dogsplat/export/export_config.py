@@ -14,6 +14,7 @@ SMALL_GRIDS = {"SPZ": "spz", "SOG": "sog"}  # of the formats that have coarse gr
 DOG = "DoG: bake (nearest Gaussians), drop (their primaries alone), or keep where the format knows them"
 SLOPES = "colours that vary over their primitive: drop (mean colours, the nearest), or keep where the format knows them"
 CUTS = "primitives that a plane cuts off: drop (nearest whole ones), or keep where the format knows them"
+SHIFTS = "places that depend on the view: drop (mean places), or keep where the format knows them"
 SPZ_VERSION = "of an .spz: 3 or 4"
 SMALL = "SPZ, SOG: coarse grids and a palette, half the bytes or less; refined to lose little"
 REFINE = "steps that make up for what is left out, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
@@ -27,6 +28,7 @@ class ExportConfig:
     dog: Annotated[str, Setting(DOG, "HOW", choices=("bake", "drop", "keep"))] = "bake"
     slopes: Annotated[str, Setting(SLOPES, "HOW", choices=("drop", "keep"))] = "drop"
     cuts: Annotated[str, Setting(CUTS, "HOW", choices=("drop", "keep"))] = "drop"
+    shifts: Annotated[str, Setting(SHIFTS, "HOW", choices=("drop", "keep"))] = "drop"
     spz_version: Annotated[int, Setting(SPZ_VERSION)] = SPZ_VERSIONS[0]
     small: Annotated[bool, Setting(SMALL)] = False
     refine: Annotated[int | None, Setting(REFINE, "STEPS", least=0)] = None
@@ -39,7 +41,7 @@ class ExportConfig:
         """Raise ``DataError`` for what the format has no room for; ``upright``: whether the model is to be turned."""
         if self.dog == "keep" and not chosen.dog:
             refuse("dog", f"{chosen.name} has no room for DoG to keep", "use bake or drop")
-        for name, how in {"slopes": self.slopes, "cuts": self.cuts}.items():
+        for name, how in {"slopes": self.slopes, "cuts": self.cuts, "shifts": self.shifts}.items():
             if how == "keep" and not getattr(chosen, name):
                 refuse(name, f"{chosen.name} has no room for them", "use drop")
         if self.small and chosen.name not in SMALL_GRIDS:

@@ -13,15 +13,19 @@ from ..support.wording import counted
 from .bake import baked
 from .export_config import ExportConfig
 
-AS_IT_IS, WITHOUT_CUTS, WITHOUT_SLOPES = "as it is", "without cuts", "without slopes"
+AS_IT_IS, WITHOUT_SHIFTS, WITHOUT_CUTS = "as it is", "without shifts", "without cuts"
+WITHOUT_SLOPES = "without slopes"
 
 
 def stages_of(splats: Splats, config: ExportConfig) -> dict[str, Splats]:
     """The model as it is, and after each thing that is taken out of it; the last one is what the format gets.
 
-    Cuts come first: what is left of a primitive has another mean colour than the whole of it.
+    Shifts come first, which change no shape and no colour. Then come cuts: what is left of a primitive has another mean
+    colour than the whole of it.
     """
     stages, plain = {AS_IT_IS: splats}, splats
+    if config.shifts == "drop" and splats.n_shifts:
+        plain = stages[WITHOUT_SHIFTS] = plain.without_shifts()
     if config.cuts == "drop" and splats.is_cut.any():
         plain = stages[WITHOUT_CUTS] = whole(plain)
     if config.slopes == "drop" and splats.is_varied.any():
@@ -32,8 +36,12 @@ def stages_of(splats: Splats, config: ExportConfig) -> dict[str, Splats]:
 
 
 def taken_out(stages: dict[str, Splats], chosen: Format) -> list[str]:
-    """A line for the cuts and one for slopes and curvatures that the stages have taken out, with how to keep them."""
+    """A line for the shifts, for the cuts, and for slopes and curvatures that the stages have taken out, with how to
+    keep them."""
     splats, lines = stages[AS_IT_IS], []
+    if WITHOUT_SHIFTS in stages:
+        left = f"the shifts of {counted(splats.n_shifts, 'primitive')} are left out: each has its mean place"
+        lines.append(left + ("; --shifts keep keeps them" if chosen.shifts else ""))
     if WITHOUT_CUTS in stages:
         cut = counted(splats.is_cut.sum(), "primitive")
         left = f"the cuts of {cut} are left out: each becomes the whole one nearest to it"

@@ -52,7 +52,8 @@ class Opening:
         tangents: of half the angles of view that have to be seen, across and up.
         background: grey level, 0..1.
         n_dog: primitives that were DoG; dog: what became of them, "bake" or "drop".
-        n_slopes: primitives whose colour varied over them; n_cuts: that a plane cut off.
+        n_slopes: primitives whose colour varied over them; n_cuts: that a plane cut off; n_shifts: whose place depended
+            on the view.
     """
 
     title: str
@@ -65,6 +66,7 @@ class Opening:
     dog: str = "bake"
     n_slopes: int = 0
     n_cuts: int = 0
+    n_shifts: int = 0
 
 
 def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
@@ -78,7 +80,7 @@ def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
     depth = next((depth for depth in depths if depth > 0), 1.0)  # visitors turn about a point that far away
     tangents = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
     target = camera.position + depth * forward
-    had = splats.n_dog, dog, int(splats.is_varied.sum()), int(splats.is_cut.sum())
+    had = splats.n_dog, dog, int(splats.is_varied.sum()), int(splats.is_cut.sum()), splats.n_shifts
     return Opening(title, camera.position, target, subject.up, tangents, subject.background, *had)
 
 
@@ -149,6 +151,8 @@ def _of_them(opening: Opening) -> str:
         said.append(f"{opening.n_slopes:,} with colours that varied over them, in their mean colours")
     if opening.n_cuts:
         said.append(f"{opening.n_cuts:,} that were cut off, made whole")
+    if opening.n_shifts:
+        said.append(f"{opening.n_shifts:,} whose places depended on the view, at their mean places")
     return f" ({'; '.join(said)})" if said else ""
 
 
@@ -165,6 +169,9 @@ def _about(opening: Opening) -> str:
     if opening.n_cuts:
         why.append("no Gaussians that a plane cuts off")
         differences.append("each of those is shown as the whole one nearest to it")
+    if opening.n_shifts:
+        why.append("no places that depend on the view")
+        differences.append("Gaussians with such places are shown at their mean ones")
     about = "Drag to turn, scroll to come nearer. Made by mi_dogsplat; shown by SuperSplat Viewer."
     if not why:
         return about

@@ -121,6 +121,6 @@ def _steps(config: ExportConfig, something_taken_out: bool) -> int | None:
         made_up_for = config.small or (something_taken_out and config.dog != "drop")
         return None if made_up_for and mi.variant() else 0
     if config.refine and not something_taken_out and not config.small:
-        problem = "no DoG, slopes, curvatures or cuts are taken out that could be made up for"
+        problem = "no DoG, slopes, curvatures, cuts or shifts are taken out that could be made up for"
         raise DataError("--refine", problem, "leave it out")
     return config.refine

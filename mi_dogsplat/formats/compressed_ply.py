@@ -4,7 +4,7 @@
 lies between them: position and log scale with 11, 10 and 11 bits per axis, the rotation as the smallest three of
 (w, x, y, z) with 10 bits each and the index of the largest in the two upper bits, and colour and opacity with 8 bits
 each. ``sh`` holds a byte per coefficient from -4 to 4, channel-major. Axes and order of bands are those of 3DGS PLY.
-Rows of DoG, slopes, curvatures and cuts are our own and follow the last element (``trailer.py``).
+Rows of DoG, slopes, curvatures, cuts and shifts are our own and follow the last element (``trailer.py``).
 
 Layout: developer.playcanvas.com (PLY format), github.com/playcanvas/splat-transform (MIT).
 """

@@ -24,7 +24,7 @@ KINDS = ("ply", "spz", "sog")
 FLOAT, INDEX = 4, 4  # bytes
 VERTEX = 17 * FLOAT  # position, normal, constant colour, opacity, scales, rotation
 DOG_ROW, SLOPE_ROW = INDEX + 4 * FLOAT, INDEX + 9 * FLOAT
-CURVATURE_ROW, CUT_ROW = INDEX + 6 * FLOAT, INDEX + 3 * FLOAT
+CURVATURE_ROW, CUT_ROW, SHIFT_ROW = INDEX + 6 * FLOAT, INDEX + 3 * FLOAT, INDEX + 12 * FLOAT
 BLOCK = 1024  # primitives that are neighbours in the order of a file
 BLOCKS = 12  # of them, at most, are encoded to measure prices: for a larger model, spread over it
 
@@ -40,17 +40,18 @@ class Prices:
     curvatures: float = 0.0  # of curvatures
     cuts: float = 0.0  # of a row of a cut
     second_cuts: float = 0.0  # of a second one
+    shifts: float = 0.0  # of a row of shifts
 
     def of(self, splats: Splats) -> float:
         """Bytes of the file of a model, as far as prices tell."""
         rows = self.dog * splats.n_dog + self.slopes * splats.n_slopes + self.curvatures * splats.n_curvatures
-        rows += self.cuts * splats.n_cuts + self.second_cuts * splats.n_second_cuts
+        rows += self.cuts * splats.n_cuts + self.second_cuts * splats.n_second_cuts + self.shifts * splats.n_shifts
         return self.fixed + float(np.take(self.bands, splats.sh_degrees).sum()) + rows
 
     def scaled(self, factor: float) -> Prices:
         """All but the fixed part times ``factor``."""
         bands = tuple(factor * price for price in self.bands)
-        rows = self.dog, self.slopes, self.curvatures, self.cuts, self.second_cuts
+        rows = self.dog, self.slopes, self.curvatures, self.cuts, self.second_cuts, self.shifts
         return Prices(self.fixed, bands, *(factor * row for row in rows))
 
 
@@ -62,7 +63,7 @@ class FileKind:
     drawing: Drawing = Drawing()
 
     def encoded(self, splats: Splats) -> bytes:
-        """The file of a model; its primaries, whole and in their mean colours, where the format has no more."""
+        """The file of a model; its primaries, whole, in their mean colours and places, where the format has no more."""
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"model.{self.name}"
             if self.name == "ply":
@@ -86,29 +87,31 @@ def by_part(kind: FileKind, splats: Splats) -> dict[str, int]:
     """Bytes of the file of a model by what is in it, in order: what each part adds to a file with those before it.
 
     ``primitives``: all but what follows; ``sh1``, ``sh2``, ``sh3``: the bands of that degree; ``dog``; ``slopes``;
-    ``curvatures``; ``cuts``; ``second_cuts``. Parts that add nothing are left out.
+    ``curvatures``; ``cuts``; ``second_cuts``; ``shifts``. Parts that add nothing are left out.
     """
-    degrees, bare = splats.sh_degrees, _bare(splats)
+    degrees, bare, still = splats.sh_degrees, _bare(splats), splats.without_shifts()
     sizes = {"primitives": kind.size(bare.uniform_sh(0))}
     for degree in range(1, splats.sh_degree + 1):
         sizes[f"sh{degree}"] = kind.size(bare.with_sh_degrees(np.minimum(degrees, degree)))
     if splats.n_dog:
-        sizes["dog"] = kind.size(splats.without_slopes().without_cuts())
+        sizes["dog"] = kind.size(still.without_slopes().without_cuts())
     if splats.n_slopes:
-        sizes["slopes"] = kind.size(splats.without_curvatures().without_cuts())
+        sizes["slopes"] = kind.size(still.without_curvatures().without_cuts())
     if splats.n_curvatures:
-        sizes["curvatures"] = kind.size(splats.without_cuts())
+        sizes["curvatures"] = kind.size(still.without_cuts())
     if splats.n_cuts:
-        sizes["cuts"] = kind.size(splats.without_second_cuts())
+        sizes["cuts"] = kind.size(still.without_second_cuts())
     if splats.n_second_cuts:
-        sizes["second_cuts"] = kind.size(splats)
+        sizes["second_cuts"] = kind.size(still)
+    if splats.n_shifts:
+        sizes["shifts"] = kind.size(splats)
     added = np.diff([0, *sizes.values()]).tolist()
     return {part: size for part, size in zip(sizes, added, strict=True) if size}
 
 
 def _bare(splats: Splats) -> Splats:
-    """Its primaries, whole and in their mean colours."""
-    return splats.plain().without_slopes().without_cuts()
+    """Its primaries, whole, in their mean colours and at their mean places."""
+    return splats.plain().without_slopes().without_cuts().without_shifts()
 
 
 def prices(kind: FileKind, splats: Splats) -> Prices:
@@ -120,7 +123,8 @@ def prices(kind: FileKind, splats: Splats) -> Prices:
         raise ValueError("prices: the model is empty")
     if kind.name == "ply":
         bands = (VERTEX, *(VERTEX + INDEX + 3 * FLOAT * ((d + 1) ** 2 - 1) for d in range(1, MAX_SH_DEGREE + 1)))
-        return Prices(kind.size(Splats.empty(0)), bands, DOG_ROW, SLOPE_ROW, CURVATURE_ROW, CUT_ROW, CUT_ROW)
+        rows = DOG_ROW, SLOPE_ROW, CURVATURE_ROW, CUT_ROW, CUT_ROW, SHIFT_ROW
+        return Prices(kind.size(Splats.empty(0)), bands, *rows)
     return _measured(kind, splats)
 
 

@@ -23,9 +23,9 @@ ALL = frozenset(NAMES)
 class Format:
     """A format; readers and writers have the axes of the file, which ``turn`` takes from those of 3DGS PLY, or back.
 
-    carries: fields of ``Drawing`` that it can say. dog, slopes, cuts, mixed_sh: it holds DoG primitives, colours that
-    vary over theirs, primitives that a plane cuts off, SH degrees of single ones. empty: it may hold no primitive at
-    all. sh_degree: the highest that it holds.
+    carries: fields of ``Drawing`` that it can say. dog, slopes, cuts, shifts, mixed_sh: it holds DoG primitives,
+    colours that vary over theirs, primitives that a plane cuts off, places that depend on the view, SH degrees of
+    single ones. empty: it may hold no primitive at all. sh_degree: the highest that it holds.
     order: in which primitives compress best; None: it does not matter. in_white: linear colours are in units of white
     in the file, as its codes are made for 0 to 1. brightest: of colours, in these units, which it can say.
     """
@@ -38,6 +38,7 @@ class Format:
     dog: bool = False
     slopes: bool = False
     cuts: bool = False
+    shifts: bool = False
     mixed_sh: bool = False
     empty: bool = True
     sh_degree: int = 3
@@ -72,6 +73,7 @@ PLY = Format(
     dog=True,
     slopes=True,
     cuts=True,
+    shifts=True,
     mixed_sh=True,
 )
 COMPRESSED_PLY = Format(
@@ -82,6 +84,7 @@ COMPRESSED_PLY = Format(
     dog=True,
     slopes=True,
     cuts=True,
+    shifts=True,
     order=in_space,
     in_white=True,
 )

@@ -1,7 +1,7 @@
-"""Rows of DoG, slopes, curvatures and cuts behind a compressed PLY, a byte a number, where other readers do not look.
+"""Rows of DoG, slopes, curvatures, cuts and shifts behind a compressed PLY, a byte a number, where others do not look.
 
-The header says ``comment dogsplat dog VERSION ROWS``, and so of ``slopes``, ``curvatures``, ``cuts`` and
-``second_cuts``. Behind the data of the last element they follow in this order, each as (little-endian):
+The header says ``comment dogsplat dog VERSION ROWS``, and so of ``slopes``, ``curvatures``, ``cuts``,
+``second_cuts`` and ``shifts``. Behind the data of the last element they follow in this order, each as (little-endian):
 
 ==========  ===========================================================================================
 bounds      float32: the smallest of each number between bounds, then the largest
@@ -10,8 +10,9 @@ rows        ROWS times: skip, of DoG f_a, and the numbers between bounds
 
 ``skip`` counts the primitives without a row since the one of the row before; 255 passes over 255 of them, and the rest
 of such a row means nothing. f_a is (byte + 1/2) / 256. Between bounds, at byte / 255, lie log F of three axes, nine
-sign(s) log(1 + 64 |s|) of the slopes s, axis by axis, six such numbers of curvatures, and three sign(n) log(1 + |n|)
-of the normal n of a cut: so a faint one keeps its share beside a strong one.
+sign(s) log(1 + 64 |s|) of the slopes s, axis by axis, six such numbers of curvatures, three sign(n) log(1 + |n|) of
+the normal n of a cut, and nine of shifts as of slopes: so a faint one keeps its share beside a strong one. The mean
+views that follow shifts are directions, and lie between bounds as they are: a component is within 0.004.
 
 They are no elements because readers count these: splat-transform refuses a compressed PLY with one more. Bytes behind
 the last element and comments it leaves alone, as PlayCanvas does. Of DoG eight bits lose 0.005 dB at most
@@ -20,6 +21,7 @@ the last element and comments it leaves alone, as PlayCanvas does. Of DoG eight 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +49,8 @@ class Rows:
     """that a bound can be, of either sign"""
     unit: float = 1.0
     """of signed numbers: below it they are told apart evenly, above by their ratio"""
+    even: int = 0
+    """of the numbers between bounds, how many at the end are told apart evenly, whatever their size"""
 
     @property
     def bounds_bytes(self) -> int:
@@ -79,15 +83,21 @@ class Rows:
         return [f"dogsplat {self.name} {VERSION} {len(rows)}"], bounds.tobytes() + rows.tobytes()
 
     def encode_signed(self, index: Array, values: Array) -> tuple[list[str], bytes]:
-        """The same of rows that are signed numbers [M, …] alone."""
-        values = values.reshape(-1, self.bounded).astype(np.float64)
-        logs = np.sign(values) * np.minimum(np.log1p(np.abs(values) / self.unit), self.most)
-        return self.encode(index, np.zeros((len(logs), 0), np.uint8), logs)
+        """The same of rows that are signed numbers [M, bounded] alone."""
+        sizes = np.abs(values.astype(np.float64))
+        codes = np.where(self._is_even, sizes, np.log1p(sizes / self.unit))
+        signed = np.sign(values) * np.minimum(codes, self.most)
+        return self.encode(index, np.zeros((len(signed), 0), np.uint8), signed)
 
     def decode_signed(self, reader: TableReader, part: bytes, n: int) -> tuple[Array, Array]:
         """(index [M], signed numbers [M, bounded]), as ``decode``."""
-        index, _, logs = self.decode(reader, part, n)
-        return index, np.sign(logs) * np.expm1(np.abs(logs)) * self.unit
+        index, _, codes = self.decode(reader, part, n)
+        sizes = np.where(self._is_even, np.abs(codes), np.expm1(np.abs(codes)) * self.unit)
+        return index, np.sign(codes) * sizes
+
+    @property
+    def _is_even(self) -> Array:
+        return np.arange(self.bounded) >= self.bounded - self.even
 
     def decode(self, reader: TableReader, part: bytes, n: int) -> tuple[Array, Array, Array]:
         """(index [M] below ``n``, bytes [M, whole], numbers [M, bounded]) of ``size`` bytes. Raises ``DataError``."""
@@ -119,7 +129,9 @@ DOG = Rows("dog", "DoG", 1, 3, MAX_LOG_F)
 SLOPES, CUTS = Rows("slopes", "slope", 0, 9, MAX_LOG, 1 / 64), Rows("cuts", "cut", 0, 3, MAX_LOG)
 CURVATURES = Rows("curvatures", "curvature", 0, 6, MAX_LOG, 1 / 64)
 SECOND_CUTS = Rows("second_cuts", "second cut", 0, 3, MAX_LOG)
+SHIFTS = Rows("shifts", "shift", 0, 12, MAX_LOG, 1 / 64, even=3)
 SIGNED = dict(zip((SLOPES, CURVATURES, CUTS, SECOND_CUTS), row_groups.OWN_AXES, strict=True))
+SIGNED[SHIFTS] = row_groups.SHIFTS
 
 
 def encode(splats: Splats) -> tuple[list[str], bytes]:
@@ -128,8 +140,9 @@ def encode(splats: Splats) -> tuple[list[str], bytes]:
     logs = np.clip(splats.dog_log_scales.astype(np.float64), -MAX_LOG_F, MAX_LOG_F)  # [M, 3]
     comments, rows = DOG.encode(splats.dog_index, f_a, logs)
     for kind, group in SIGNED.items():
-        (name,) = group.names
-        about, more = kind.encode_signed(getattr(splats, group.index), getattr(splats, name))
+        index = getattr(splats, group.index)
+        values = [getattr(splats, name).reshape(len(index), math.prod(shape)) for name, shape in group.arrays.items()]
+        about, more = kind.encode_signed(index, np.concatenate(values, axis=1))
         comments, rows = comments + about, rows + more
     return comments, rows
 
@@ -147,9 +160,10 @@ def decode(reader: TableReader, trailer: bytes, n: int) -> dict[str, Array]:
     for kind, group in SIGNED.items():
         part = trailer[start : start + sizes[kind]]
         if part:
-            ((name, shape),) = group.arrays.items()
             index, values = kind.decode_signed(reader, part, n)
-            found |= {group.index: index, name: values.reshape(-1, *shape)}
+            ends = np.cumsum([math.prod(shape) for shape in group.arrays.values()])
+            of_arrays = zip(group.arrays.items(), np.split(values, ends[:-1], axis=1), strict=True)
+            found |= {group.index: index} | {name: part.reshape(-1, *shape) for (name, shape), part in of_arrays}
         start += len(part)
     return found
 

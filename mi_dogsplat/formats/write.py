@@ -58,6 +58,8 @@ def write_model(
             lost.append("SPZ 4 cannot say that its colours are linear and in units of white; write version 3")
         else:
             lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
+    if not chosen.shifts:
+        splats = splats.without_shifts()
     if not chosen.cuts:
         splats = whole(splats)
     if splats.is_varied.any() and not chosen.slopes:
@@ -102,6 +104,9 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
         n = count(model.splats.is_varied.sum())
         what = f"the {varying(model.splats)} of {n} are left out"
         lost.append(f"{chosen.name} has no colour that varies over a primitive: {what}, each has its mean colour")
+    if model.splats.n_shifts and not chosen.shifts:
+        what = f"the shifts of {count(model.splats.n_shifts)} are left out"
+        lost.append(f"{chosen.name} has no place that depends on the view: {what}, each has its mean place")
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
     if model.drawing.linear and math.isfinite(chosen.brightest):

@@ -28,6 +28,7 @@ NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
 PARAMETERS = 14  # of a Gaussian: centre 3, scales 3, quaternion 4, opacity, colour 3
 DOG_PARAMETERS, SLOPE_PARAMETERS, CUT_PARAMETERS = 4, 9, 3  # opacity, scales 3; channels along the axes; normal
 CURVATURE_PARAMETERS = 6  # entries of a symmetric matrix
+SHIFT_PARAMETERS = 12  # moves along three axes by the view along three; the mean view
 FLOAT = 4  # bytes, of an index too
 CLEAN = "dogsplat clean takes them out"
 
@@ -61,7 +62,7 @@ def model_features(parts: list[Splats], negative_transmittance: bool = True) -> 
     features += _row_features(parts, "curvatures", "curvatures", (0, 1), CURVATURE_PARAMETERS, "curvatures")
     features += _row_features(parts, "cuts", "cuts", (0, 1), CUT_PARAMETERS, "normals")
     features += _row_features(parts, "second cuts", "cuts", (1, 2), CUT_PARAMETERS, "normals")
-    features += _sh_features(parts)
+    features += [_shift_feature(parts), *_sh_features(parts)]
     return features + [Feature(name, UNUSED, f"{rest}; {CLEAN}") for name, rest in _unneeded_rows(parts)]
 
 
@@ -110,6 +111,17 @@ def _row_features(
         rest = f"{counted(n - m, 'primitive')} without, drawn with {zeros} of zero: as many operations"
         features.append(Feature(f"{name} of others", UNUSED, rest))
     return features
+
+
+def _shift_feature(parts: list[Splats]) -> Feature:
+    """Places that depend on the view are found once for each primitive: pixels know nothing of them."""
+    n, m = sum(s.n_splats for s in parts), sum(s.n_shifts for s in parts)
+    share = f"{count(m)} of {count(n)} primitives"
+    if m == 0:
+        return Feature("shifts", LEFT_OUT, share)
+    each = [primitive_operations(RasterOptions(0), False, mi.variant(), shifts=shifts) for shifts in (True, False)]
+    cost = f"each {_size(SHIFT_PARAMETERS, indices=1)}, {each[0] - each[1]:.0f} operations"
+    return Feature("shifts", NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")
 
 
 def _sh_features(parts: list[Splats]) -> list[Feature]:

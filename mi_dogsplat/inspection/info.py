@@ -116,6 +116,7 @@ def describe_model(path: Path) -> list[str]:
     lines += [line("cut normals", _range(np.linalg.norm(splats.cut_normals, axis=1)))] if splats.n_cuts else []
     lengths = np.linalg.norm(splats.second_cut_normals, axis=1)
     lines += [line("second normals", _range(lengths))] if len(lengths) else []
+    lines += [line("shifts", _range(splats.view_shifts))] if splats.n_shifts else []
     problems = model_problems(splats)
     return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
 

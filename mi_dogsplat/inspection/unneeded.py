@@ -6,6 +6,7 @@ faded DoG   a pseudo-Gaussian whose peak f_a o is below 2^-33. Its primary is bl
             there float32 has a spacing of 2^-31 or more: 2^p - 2^p' rounds to 2^p. Elsewhere α is ignored, as without.
 zero slope  a row of slopes, or of curvatures, that are all 0: they add 0 to a colour.
 zero cut    a normal of three times 0: it multiplies a kernel by 1, and pictures are equal to the rounding of that.
+zero shift  a row of shifts that are all 0: it adds 0 to a place, whatever the view.
 zero SH     the highest bands of primitives whose every coefficient is 0: they add 0 to a colour. Where a model of one
             degree becomes one of several, sums are made in another order, and pictures are equal to rounding.
 """
@@ -20,7 +21,7 @@ from ..engine.geometry import Cutoffs
 from ..scene.cuts import LARGEST
 from ..scene.opacity import sigmoid
 from ..scene.ply import rows_save
-from ..scene.row_groups import CURVATURES, CUTS, DOG, OWN_AXES, PLANES, SECOND_CUTS, SH, SLOPES, RowGroup
+from ..scene.row_groups import CURVATURES, CUTS, DOG, OWN_AXES, PLANES, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
 from ..scene.splats import Array, Splats
 from ..support.wording import count, file_size
 
@@ -29,12 +30,13 @@ FADED = 2.0**-33  # of f_a o; half of what could round, for the same reason
 FLOAT = 4  # bytes
 GAUSSIAN = 14 * FLOAT  # bytes of a primitive of SH degree 0
 DOG_ROW, SLOPE_ROW, CURVATURE_ROW, CUT_ROW = 5 * FLOAT, 10 * FLOAT, 7 * FLOAT, 4 * FLOAT  # of rows, with an index
+SHIFT_ROW = 13 * FLOAT
 
 
 @dataclass(frozen=True)
 class Unneeded:
     """What can leave, of a model of N primitives with M rows of DoG, S of slopes, B of curvatures, C of
-    cuts and C2 of second ones."""
+    cuts, C2 of second ones and V of shifts."""
 
     invisible: Array
     """[N] bool"""
@@ -48,6 +50,8 @@ class Unneeded:
     """[C] bool, of primitives that are visible"""
     zero_second_cuts: Array
     """[C2] bool, of primitives that are visible"""
+    zero_shifts: Array
+    """[V] bool, of primitives that are visible"""
     sh_degrees: Array
     """[N] the highest degree with a coefficient that is not zero"""
 
@@ -62,7 +66,8 @@ class Unneeded:
         straight = ~splats.brightness_curvatures.any(axis=1) & ~invisible[splats.curvature_index]  # [B]
         whole = ~splats.cut_normals.any(axis=1) & ~invisible[splats.cut_index]  # [C]
         once = ~splats.second_cut_normals.any(axis=1) & ~invisible[splats.second_cut_index]  # [C2]
-        return Unneeded(invisible, faded, flat, straight, whole, once, used_sh_degrees(splats))
+        still = ~splats.view_shifts.any(axis=(1, 2)) & ~invisible[splats.shift_index]  # [V]
+        return Unneeded(invisible, faded, flat, straight, whole, once, still, used_sh_degrees(splats))
 
     def degrees_left(self, splats: Splats, mixed_sh: bool) -> Array:
         """[N] SH degree of each primitive without its zero bands: its own one, or the same for all (``taken_out``)."""
@@ -86,6 +91,7 @@ class Unneeded:
             ("curvatures that are zero", self.zero_curvatures, np.full(splats.n_curvatures, CURVATURE_ROW)),
             ("cuts that are zero", self.zero_cuts, np.full(splats.n_cuts, CUT_ROW)),
             ("second cuts that are zero", self.zero_second_cuts, np.full(splats.n_second_cuts, CUT_ROW)),
+            ("shifts that are zero", self.zero_shifts, np.full(splats.n_shifts, SHIFT_ROW)),
         ]
         for degree in SH:
             zero = ~self.invisible & (splats.sh_degrees >= degree) & (left < degree)
@@ -105,6 +111,7 @@ class Unneeded:
         rows = _rows(splats, DOG, ~self.faded_dog) | _rows(splats, SLOPES, ~self.zero_slopes)
         rows |= _rows(splats, CURVATURES, ~self.zero_curvatures)
         rows |= _rows(splats, CUTS, ~self.zero_cuts) | _rows(splats, SECOND_CUTS, ~self.zero_second_cuts)
+        rows |= _rows(splats, SHIFTS, ~self.zero_shifts)
         lean = replace(splats, **rows).select(~self.invisible)
         return lean.with_sh_degrees(self.degrees_left(splats, mixed_sh)[~self.invisible])
 
@@ -144,8 +151,8 @@ def _finite(splats: Splats) -> Array:
     for values in dense:
         finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     finite[splats.dog_index] &= np.isfinite(splats.dog_log_scales).all(axis=1) & ~np.isnan(splats.dog_logit_opacities)
-    for group in (*OWN_AXES, *SH.values()):
-        (name,) = group.names
-        values = getattr(splats, name)
-        finite[getattr(splats, group.index)] &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    for group in (*OWN_AXES, SHIFTS, *SH.values()):
+        for name in group.names:
+            values = getattr(splats, name)
+            finite[getattr(splats, group.index)] &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return finite

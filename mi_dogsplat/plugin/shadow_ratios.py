@@ -14,8 +14,8 @@ Both are estimated with the same samples of emitters, so that r is 1, and not ab
 What surfaces reflect matters: the floor that a model is put onto hides half of the sky from it, and sends a part of
 that back. Splats do not count, neither as occluders nor as lights: what they take from each other is in the capture.
 A primitive has one ratio, which scales its colour all over: a shadow's edge does not cross it, however that varies.
-It is that at the centre of one that is cut off, too: a cut always keeps the centre. Of one whose place depends on the
-view it is that of the place where it is stored, its mean over the views of the training.
+It is that at the centre of one that is cut off, too: a cut always keeps the centre. Where the place of a primitive
+depends on the view, the ratio is that of the place where it is stored.
 """
 
 from __future__ import annotations

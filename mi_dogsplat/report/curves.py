@@ -22,6 +22,8 @@ from ..training.events import (
     SecondCutsActivated,
     SecondCutsLeftOut,
     ShDegree,
+    ShiftsActivated,
+    ShiftsLeftOut,
     SlopesActivated,
     SlopesLeftOut,
 )
@@ -45,6 +47,8 @@ EVENT_LANES = {  # the lane of an event by its kind
     CutsLeftOut.kind: "cuts",
     SecondCutsActivated.kind: "cuts",
     SecondCutsLeftOut.kind: "cuts",
+    ShiftsActivated.kind: "shifts",
+    ShiftsLeftOut.kind: "shifts",
 }
 
 

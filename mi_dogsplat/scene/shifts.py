@@ -22,8 +22,9 @@ def seen_from(splats: Splats, position: Array) -> Array:
     i, places = splats.shift_index, splats.means.astype(np.float64)
     axes = rotation_from_quaternion(splats.quats[i].astype(np.float64))
     own = _own_views(places[i], axes, position) - splats.mean_views
-    moves = splats.scales[i] * np.einsum("vab,vb->va", splats.view_shifts.astype(np.float64), own)
-    places[i] += np.einsum("vxa,va->vx", axes, moves)
+    with np.errstate(invalid="ignore"):  # of values that are not finite
+        moves = splats.scales[i] * np.einsum("vab,vb->va", splats.view_shifts.astype(np.float64), own)
+        places[i] += np.einsum("vxa,va->vx", axes, moves)
     return places
 
 

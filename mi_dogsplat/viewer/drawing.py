@@ -24,9 +24,11 @@ from .view_state import (
     ONLY_DOG,
     ONLY_GAUSSIANS,
     PHOTOGRAPH,
+    SHIFT_DIFFERENCE,
     SLOPE_DIFFERENCE,
     WITHOUT_CUTS,
     WITHOUT_DOG,
+    WITHOUT_SHIFTS,
     WITHOUT_SLOPES,
     Pose,
     Settings,
@@ -39,11 +41,13 @@ PARTS: dict[str, Callable[[Splats], Splats]] = {
     ONLY_GAUSSIANS: Splats.only_gaussians,
     WITHOUT_SLOPES: Splats.without_slopes,
     WITHOUT_CUTS: Splats.without_cuts,
+    WITHOUT_SHIFTS: Splats.without_shifts,
 }
 DIFFERENCES = {  # of the model to its part
     DOG_DIFFERENCE: WITHOUT_DOG,
     SLOPE_DIFFERENCE: WITHOUT_SLOPES,
     CUT_DIFFERENCE: WITHOUT_CUTS,
+    SHIFT_DIFFERENCE: WITHOUT_SHIFTS,
 }
 
 
@@ -83,7 +87,8 @@ class Drawing:
         dog = [WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE] if self.splats.n_dog else []
         slopes = [WITHOUT_SLOPES, SLOPE_DIFFERENCE] if self.splats.is_varied.any() else []
         cuts = [WITHOUT_CUTS, CUT_DIFFERENCE] if self.splats.is_cut.any() else []
-        return [MODEL, *dog, *slopes, *cuts, *([ERROR, PHOTOGRAPH] if self.views else [])]
+        shifts = [WITHOUT_SHIFTS, SHIFT_DIFFERENCE] if self.splats.n_shifts else []
+        return [MODEL, *dog, *slopes, *cuts, *shifts, *([ERROR, PHOTOGRAPH] if self.views else [])]
 
     def draw(self, pose: Pose, settings: Settings, moving: bool = False) -> Drawn:
         """The picture that is due. What the model does not have is drawn as the model."""

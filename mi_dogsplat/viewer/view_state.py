@@ -22,6 +22,7 @@ WIDEST = 8.0  # width over height of a full picture: a window that is pulled fla
 MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS = "model", "DoG switched off", "DoG alone", "Gaussians alone"
 WITHOUT_SLOPES, SLOPE_DIFFERENCE = "slopes switched off", "slopes on and off: difference"
 WITHOUT_CUTS, CUT_DIFFERENCE = "cuts switched off", "cuts on and off: difference"
+WITHOUT_SHIFTS, SHIFT_DIFFERENCE = "shifts switched off", "shifts on and off: difference"
 DOG_DIFFERENCE, ERROR, PHOTOGRAPH = "DoG on and off: difference", "error at nearest photograph", "nearest photograph"
 
 

@@ -1,4 +1,4 @@
-"""Slopes of colours, curvatures, cuts and second cuts: kept through all that Blender does, drawn by the package."""
+"""Slopes, curvatures, cuts, second cuts and shifts: kept through all that Blender does, drawn by the package."""
 
 from dataclasses import replace
 
@@ -12,13 +12,13 @@ from live_views import staged, through_the_camera
 from mathutils import Matrix
 from model_files import export, load
 from model_values import assert_equal
+from own_rows import ATTRIBUTES, VALUES, WORDS, assert_taken_along, who
 from references import REFERENCES, place_camera, reference
 from surroundings import body, material, plane
 
 from blender_addon.editing.stand_in import stand_in_of
-from blender_addon.files.model import CURVATURES, Model, concatenate, normalized
+from blender_addon.files.model import CURVATURES, concatenate
 from blender_addon.files.ply import read_ply, write_ply
-from blender_addon.files.rotation import rotations
 from blender_addon.files.sh import C0
 from blender_addon.nodes.modifier import edit_modifiers, set_input
 from blender_addon.objects import cloud
@@ -28,19 +28,9 @@ from blender_addon.package.renderers import InProcess
 from blender_addon.render_engine import ENGINE
 
 NO_SLOPES, NO_CUTS = "Blender draws mean colors, no slopes", "Blender draws whole splats, no cuts"
-NO_CURVATURES = "Blender draws mean brightness, no curvatures"
-NOTES = {"slopes": NO_SLOPES, "curvatures": NO_CURVATURES, "cuts": NO_CUTS, "second_cuts": NO_CUTS}
-VALUES = {"slopes": "color_slopes", "curvatures": "brightness_curvatures", "cuts": "cut_normals",
-          "second_cuts": "second_cut_normals"}  # fmt: skip
-ATTRIBUTES = {
-    "slopes": [f"dog:slope_{axis}" for axis in "xyz"],
-    "curvatures": ["dog:curvature_squares", "dog:curvature_products"],
-    "cuts": ["dog:cut_normal"],
-    "second_cuts": ["dog:second_cut_normal"],
-}
-WORDS = {"slopes": "50 with slopes", "curvatures": "50 with curvatures", "cuts": "50 with a cut",
-         "second_cuts": "50 with a second cut"}  # fmt: skip
-MATRIX = [[0, 3, 4], [3, 1, 5], [4, 5, 2]]  # of curvatures: which of them its entries are
+NO_CURVATURES, NO_SHIFTS = "Blender draws mean brightness, no curvatures", "Blender draws mean places, no shifts"
+NOTES = {"slopes": NO_SLOPES, "curvatures": NO_CURVATURES, "cuts": NO_CUTS, "second_cuts": NO_CUTS,
+         "shifts": NO_SHIFTS}  # fmt: skip
 
 
 @pytest.fixture(params=NOTES)
@@ -50,7 +40,7 @@ def kind(request):
 
 @pytest.fixture
 def path(kind):
-    """A model of which every third splat has slopes, curvatures, a cut, or a second one without a first."""
+    """A model of which every third splat has slopes, curvatures, a cut, a second one without a first, or shifts."""
     return REFERENCES / f"{kind}.ply"
 
 
@@ -59,43 +49,6 @@ def together(tmp_path):
     """The models of all kinds as one, each splat of which has one kind at most."""
     write_ply(tmp_path / "together.ply", concatenate([read_ply(REFERENCES / f"{kind}.ply") for kind in NOTES]))
     return tmp_path / "together.ply"
-
-
-def columns(model: Model) -> np.ndarray:
-    """[N, 3, 3]: standard deviations along the axes of each primitive, in the world."""
-    return rotations(normalized(model.quats).astype(float)) * np.exp(model.log_scales.astype(float))[:, None]
-
-
-def who(model: Model, kind: str) -> np.ndarray:
-    """[N]: which splats have them."""
-    return getattr(model, f"has_{kind}")
-
-
-def shown_at(model: Model, kind: str, points: np.ndarray) -> np.ndarray:
-    """Of those that have some, at points [M, P, 3] of the world: what they add to colours, or what a cut leaves."""
-    rows = who(model, kind)
-    w = np.linalg.solve(columns(model)[rows][:, None], (points - model.means[rows][:, None])[..., None])[..., 0]
-    values = getattr(model, VALUES[kind])[rows].astype(float)
-    if kind == "curvatures":
-        return np.einsum("mpa,mab,mpb->mp", w, values[:, MATRIX], w) / 2
-    along = np.einsum("mpa,ma...->mp...", w, values)
-    return along if kind == "slopes" else (1 + np.exp(-4)) / (1 + np.exp(-4 - along))
-
-
-def points_in(model: Model, kind: str) -> np.ndarray:
-    """[M, 7, 3] places within some standard deviations of each that has some."""
-    rows = who(model, kind)
-    w = np.random.default_rng(2).normal(size=(rows.sum(), 7, 3))
-    return model.means[rows][:, None] + np.einsum("mka,mpa->mpk", columns(model)[rows], w)
-
-
-def assert_taken_along(found: Model, raw: Model, kind: str, matrix: np.ndarray) -> None:
-    """Oracle: a place shows what it did before it was moved."""
-    points = points_in(raw, kind)
-    expected = shown_at(raw, kind, points)
-    assert np.array_equal(who(found, kind), who(raw, kind)) and expected.std() > 0.2
-    moved = points @ matrix[:3, :3].T + matrix[:3, 3]
-    assert np.allclose(shown_at(found, kind, moved), expected, atol=1e-3)
 
 
 def test_an_untouched_model_comes_back_byte_for_byte(path, kind, tmp_path):
@@ -176,7 +129,7 @@ def test_joined_with_a_model_without_they_stay_and_the_others_get_none(path, kin
     assert_taken_along(found.select(np.arange(start, start + 150)), raw, kind, matrix)
 
 
-def test_a_tint_multiplies_slopes_and_curvatures_and_leaves_cuts_alone(path, kind):
+def test_a_tint_multiplies_slopes_and_curvatures_and_leaves_others_alone(path, kind):
     obj, raw = load(path), read_ply(path)
     bpy.ops.dogsplat.paint(what="TINT")
     tinted = np.arange(30, 60)
@@ -218,7 +171,7 @@ def test_the_panel_says_what_blender_does_not_draw(scene, path, kind, model, tog
     load(together)
     assert not {*NOTES.values()} & {*drawn()}
     scene.render.engine = "CYCLES"
-    assert [name for name in drawn() if name in NOTES.values()] == [NO_SLOPES, NO_CURVATURES, NO_CUTS]
+    assert [name for name in drawn() if name in NOTES.values()] == [NO_SLOPES, NO_CURVATURES, NO_CUTS, NO_SHIFTS]
 
 
 def test_blender_draws_the_average_brightness(scene, tmp_path):

@@ -19,7 +19,7 @@ from mi_dogsplat.cli import main
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-from own_axes_models import CURVED, CUT, SECOND_CUT, SLOPED
+from own_axes_models import CURVED, CUT, SECOND_CUT, SHIFTED, SLOPED
 
 TEMPLATES = Path(mi_dogsplat.__file__).parent / "report" / "templates"
 
@@ -139,8 +139,9 @@ def test_every_curve_has_a_colour_and_a_marker_of_its_own():
         (CURVED, tiny_data.curved_truth, "with curvatures", "c9"),
         (CUT, tiny_data.cut_truth, "with a cut", "c10"),
         (SECOND_CUT, tiny_data.twice_cut_truth, "with a second cut", "c11"),
+        (SHIFTED, tiny_data.shifted_truth, "with shifts", "c12"),
     ],
-    ids=["slopes", "curvatures", "cuts", "second cuts"],
+    ids=["slopes", "curvatures", "cuts", "second cuts", "shifts"],
 )
 def test_a_model_with_rows_is_measured_with_theirs(kind, truth, said, color, capsys, tmp_path, monkeypatch, few_points):
     monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda width: [])

@@ -39,7 +39,7 @@ def test_the_primitive_that_is_not_finite_has_no_gradient_and_leaves_its_neighbo
 def test_all_that_must_be_covered_is():
     groups = {case.group for case in CASES.values()}
     assert groups == {"shape", "size", "opacity", "colour", "depth", "quaternion", "DoG", "slopes",
-                      "curvatures", "cuts", "not finite", "camera"}  # fmt: skip
+                      "curvatures", "cuts", "shifts", "not finite", "camera"}  # fmt: skip
     assert len(CASES) == len(list(cases(layers=1000)))  # no two of one name
     assert sum(len(case.extreme) == 10_000 for case in cases()) == 5
 
@@ -64,12 +64,15 @@ OTHERS = {
     ),
     "second cuts, forgotten": lambda splats: splats.without_second_cuts(),
     "second cuts, turned": lambda splats: replace(splats, second_cut_normals=splats.second_cut_normals[:, ::-1]),
+    "shifts, forgotten": lambda splats: splats.without_shifts(),
+    "shifts, turned": lambda splats: replace(splats, view_shifts=splats.view_shifts.swapaxes(1, 2)),
+    "shifts, from another mean view": lambda splats: replace(splats, mean_views=0 * splats.mean_views),
 }
 
 
 ORDINARY = {
     "slopes": "slopes: ordinary", "curvatures": "curvatures: ordinary", "cuts": "cuts: ordinary",
-    "second cuts": "cuts: 300 that two planes cut off",
+    "second cuts": "cuts: 300 that two planes cut off", "shifts": "shifts: ordinary",
 }  # fmt: skip
 
 
@@ -88,6 +91,8 @@ def test_slopes_and_cuts_that_the_engine_forgets_or_turns_are_an_error(other, mo
         ("curvatures", "brightness_curvatures"),
         ("cuts", "cut_normals"),
         ("second cuts", "second_cut_normals"),
+        ("shifts", "view_shifts"),
+        ("shifts", "mean_views"),
     ],
 )
 def test_a_gradient_that_is_a_percent_off_is_an_error(group, parameter, monkeypatch):

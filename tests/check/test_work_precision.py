@@ -10,6 +10,7 @@ from mi_dogsplat.check.work_precision import Job, adjoint, measure, on_all_rows,
 from mi_dogsplat.engine.geometry import SMOOTH, Cutoffs
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.reference.forward import RAW_PARAMETERS, raw_names
+from mi_dogsplat.scene.row_groups import OWN_AXES, SHIFTS
 from splat_scenes import make_camera, make_splats, random_splats, rounded
 
 KNOBS = {  # a few points of each curve: every setting is a kernel to compile
@@ -76,8 +77,8 @@ def test_the_default_is_a_point_on_every_curve_and_every_knob_is_turned_alone(fe
     points = settings(faint)
     default, none = points[:2]
     assert (default.label, none.label, none.options.cutoffs) == ("default", "no cutoffs", SMOOTH)
-    assert {p.group for p in points[2:]} == set(GROUPS[:-4])
-    for group in GROUPS[:-4]:
+    assert {p.group for p in points[2:]} == set(GROUPS[:-5])
+    for group in GROUPS[:-5]:
         curve = [p for p in points if p.group == group]
         assert sum(p.key == default.key for p in curve) == 1, group
         assert len({p.key for p in curve}) == len(curve) > 1, group
@@ -95,7 +96,9 @@ def test_the_primitives_kept_are_those_that_the_picture_would_miss_most(few_poin
 def test_knobs_that_a_model_does_not_have_make_no_curve(few_points):
     plain = make_splats(np.random.default_rng(0).uniform(-0.5, 0.5, (30, 3)) + (0, 0, 3))
     groups = {p.group for p in settings(Scene("", "", rounded(plain), make_camera()))}
-    assert groups == {"", *GROUPS} - {"SH degree", "DoG", "slopes", "curvatures", "cuts", "second cuts"}
+    assert groups == {"", *GROUPS} - {
+        *("SH degree", "DoG", "slopes", "curvatures", "cuts", "second cuts", "shifts")
+    }  # fmt: skip
 
 
 def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
@@ -114,7 +117,7 @@ def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
     exact = rows["", "no cutoffs"]
     assert exact["mean_error"] < 1e-6 and exact["worst_gradient_error"] < 1e-4 and exact["psnr"] > 110
     assert set(exact["gradient_error"]) == set(RAW_PARAMETERS)
-    assert result["n_slopes"] == result["n_cuts"] == result["n_second_cuts"] == 0
+    assert result["n_slopes"] == result["n_cuts"] == result["n_second_cuts"] == result["n_shifts"] == 0
     assert rows["DoG", "without DoG"]["gradient_error"]["dog_log_scales"] == 1
     assert rows["SH degree", "degree 0"]["gradient_error"]["sh_coeffs"] > 0.5
 
@@ -126,6 +129,7 @@ def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
         ("cut_share", "cuts", "cut_normals", "with a cut"),
         ("curvature_share", "curvatures", "brightness_curvatures", "with curvatures"),
         ("second_cut_share", "second cuts", "second_cut_normals", "with a second"),
+        ("shift_share", "shifts", "view_shifts", "with shifts"),
     ],
 )
 def test_a_model_with_slopes_or_cuts_has_a_curve_with_and_without_them(share, kind, name, said, monkeypatch):
@@ -156,8 +160,8 @@ def test_against_the_twin_with_the_same_cutoffs_only_rounding_is_left(few_points
 
 def test_the_default_is_measured_once_and_marked(few_points, faint):
     rows = [row for row in measure(faint, rounds=1)["rows"] if row["default"]]
-    # no slopes, curvatures, cuts and second ones, and none but the default is in no group
-    assert len(rows) == len(GROUPS) - 3
+    # no slopes, curvatures, cuts, second ones and shifts, and none but the default is in no group
+    assert len(rows) == len(GROUPS) - 4
     assert all({**row, "group": "", "setting": ""} == {**rows[0], "group": "", "setting": ""} for row in rows)
 
 
@@ -182,12 +186,12 @@ def test_the_image_is_over_the_background_of_the_scene(faint):
 
 
 def test_primitives_that_are_left_out_have_the_gradient_zero():
-    rng, splats = np.random.default_rng(1), rounded(random_splats(60, 3, 1, 0.5, 0.5, 0.5, 0.5, 0.5))
+    rng, splats = np.random.default_rng(1), rounded(random_splats(60, 3, 1, *[0.5] * 6))
     kept = np.sort(rng.permutation(60)[:25])
     model = Model.of(splats.select(kept), kept)
     gradients = {name: rng.normal(size=getattr(model.splats, name).shape) for name in raw_names(splats)}
     whole = on_all_rows({name: values.ravel() for name, values in gradients.items()}, model, splats)
-    assert set(whole) == {*RAW_PARAMETERS, "color_slopes", "brightness_curvatures", "cut_normals", "second_cut_normals"}
+    assert set(whole) == {*RAW_PARAMETERS, *(name for group in (*OWN_AXES, SHIFTS) for name in group.names)}
     for name, values in whole.items():
         left = np.isin(rows_of(splats, name), kept)
         assert 0 < left.sum() < len(left) and values.shape == getattr(splats, name).shape

@@ -18,6 +18,7 @@ from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.fit import Look
 from own_axes_models import CURVED, EACH_PLANE, SLOPED
 from row_kinds import of_each
+from shifted_models import with_shifts
 from splat_scenes import make_splats, rounded
 
 FAST = {"views": 8, "size": (40, 30)}
@@ -119,6 +120,19 @@ def test_cuts_are_made_whole_before_anything_is_merged(capsys, tmp_path, kind):
     assert status == 0 and printed.splitlines()[0] == said and not read_ply(tmp_path / "o.ply").is_cut.any()
     run(capsys, "simplify", tmp_path / "whole.ply", "-o", tmp_path / "p.ply", *flags)
     assert quality(read_ply(tmp_path / "o.ply"), truth) > quality(read_ply(tmp_path / "p.ply"), truth) + 1
+
+
+def test_a_model_with_shifts_may_come_in_and_what_is_merged_stands_still(capsys, tmp_path):
+    truth = with_shifts(surface(), every=1)
+    write_ply(tmp_path / "m.ply", truth)
+    write_ply(tmp_path / "still.ply", truth.without_shifts())
+    flags = ["--target", "60", "--steps", "0", *FLAGS]
+    status, printed, _ = run(capsys, "simplify", tmp_path / "m.ply", "-o", tmp_path / "o.ply", *flags)
+    said = "the shifts of 900 primitives are left out: what is merged stands still"
+    assert status == 0 and printed.splitlines()[0] == said
+    _, printed, _ = run(capsys, "simplify", tmp_path / "still.ply", "-o", tmp_path / "p.ply", *flags)
+    assert "left out" not in printed
+    assert (tmp_path / "o.ply").read_bytes() == (tmp_path / "p.ply").read_bytes()
 
 
 def test_what_is_not_needed_is_not_merged_into_what_is_seen(tmp_path):

@@ -1,4 +1,4 @@
-"""``dogsplat export`` of slopes, curvatures and cuts: left out with a line and made up for, or kept."""
+"""``dogsplat export`` of slopes, curvatures, cuts and shifts: left out with a line and made up for, or kept."""
 
 import json
 import re
@@ -26,11 +26,12 @@ from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.formats.write import what_is_lost
 from mi_dogsplat.scene.curvatures import mean_brightness
 from mi_dogsplat.scene.kinds import kinds_of
-from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SLOPES
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SHIFTS, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.whole import whole
 from places import points_in
 from row_kinds import RowKind, of_each
+from shifted_models import with_shifts
 from sloped_models import curvature_brightness, slope_colors, with_curvatures, with_slopes
 from splat_scenes import C0
 
@@ -74,7 +75,12 @@ SECOND_CUT = Kind(
     "second_cuts", SECOND_CUTS, "cuts", CUT.given, BY_SECOND,
     with_second_cuts(CUT.mixed, every=3), whole, CUT.said, CUT.regained, CUT.moved,
 )  # fmt: skip
-KINDS = [SLOPED, CURVED, CUT, SECOND_CUT]
+SHIFTED = Kind(
+    "shifts", SHIFTS, "shifts", ("slopes", "cuts", "shifts"), tiny_data.shifted_truth(),
+    with_shifts(CUT.mixed, every=4), lambda splats: whole(splats.without_shifts()),
+    "the shifts of 60 primitives are left out: each has its mean place", regained=0.1, moved=1,
+)  # fmt: skip
+KINDS = [SLOPED, CURVED, CUT, SECOND_CUT, SHIFTED]
 each_kind = of_each(*KINDS)
 NO_ROOM = [(kind, ".html") for kind in KINDS] + [
     (kind, suffix) for kind in KINDS for suffix, chosen in FORMATS.items() if not getattr(chosen, kind.setting)
@@ -126,7 +132,7 @@ def test_the_line_names_what_there_is(slopes, curvatures, said):
 
 
 @each_kind
-def test_each_thing_that_is_left_out_is_a_stage_of_its_own_and_cuts_come_first(kind, tmp_path):
+def test_each_thing_that_is_left_out_is_a_stage_of_its_own_in_this_order(kind, tmp_path):
     model = written(kind.mixed, tmp_path, "mixed.ply")
     exported = export_model(model, tmp_path / "out.spz", ExportConfig(views=3, refine=0))
     dropped = [f"without {word}" for word in reversed(kind.given)]
@@ -205,10 +211,12 @@ def test_kept_ones_are_in_the_file(kind, suffix, capsys, tmp_path):
 
 @pytest.mark.parametrize(
     ("flag", "left"),
-    [("--slopes", "20 with slopes, 12 with curvatures"), ("--cuts", "30 with a cut, 20 with a second cut")],
+    [("--slopes", "20 with slopes, 12 with curvatures"), ("--cuts", "30 with a cut, 20 with a second cut"),
+     ("--shifts", "15 with shifts")],
 )
 def test_each_is_kept_by_its_own_flag(flag, left, capsys, tmp_path):
-    out, mixed = tmp_path / "out.ply", written(with_curvatures(SECOND_CUT.mixed, every=5), tmp_path)
+    splats = with_shifts(with_curvatures(SECOND_CUT.mixed, every=5), every=4)
+    out, mixed = tmp_path / "out.ply", written(splats, tmp_path)
     status, *_ = run(capsys, "export", mixed, "-o", out, flag, "keep", "--views", "0", "--refine", "0")
     assert status == 0 and kinds_of(read_ply(out)) == f"0 of them DoG, {left}"
 
@@ -263,6 +271,15 @@ def test_a_page_says_that_cut_ones_are_shown_whole(kind, capsys, tmp_path):
     cut = kind.mixed.is_cut.sum()
     assert f"baked; 20 with colours that varied over them, in their mean colours; {cut} that were cut off" in said
     assert "no negative lobes, no colours that vary over a Gaussian and no Gaussians that a plane cuts off:" in said
+
+
+def test_a_page_says_that_places_are_mean_ones(capsys, tmp_path):
+    said = page_of(SHIFTED.model, capsys, tmp_path)
+    assert "model: 60 Gaussians (60 whose places depended on the view, at their mean places)" in said
+    assert "Web viewers know no places that depend on the view: Gaussians with such places are shown at their" in said
+    said = page_of(SHIFTED.mixed, capsys, tmp_path)
+    assert "30 that were cut off, made whole; 15 whose places depended on the view, at their mean places)" in said
+    assert "no Gaussians that a plane cuts off and no places that depend on the view: each Difference" in said
 
 
 @pytest.mark.parametrize(("kind", "suffix"), NO_ROOM, ids=lambda value: getattr(value, "word", value))

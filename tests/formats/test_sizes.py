@@ -8,6 +8,7 @@ from mi_dogsplat import write_ply
 from mi_dogsplat.formats import sizes
 from mi_dogsplat.formats.sizes import KINDS, FileKind, Prices, by_part, prices
 from mi_dogsplat.scene.splats import Splats
+from shifted_models import with_shifts
 from sloped_models import with_curvatures, with_slopes
 from splat_scenes import random_splats, rounded
 
@@ -74,17 +75,17 @@ def test_parts_add_up_to_the_file(name):
     parts = by_part(FileKind(name), splats)
     assert sum(parts.values()) == FileKind(name).size(splats)
     assert list(parts) == ["primitives", "sh1", "sh2", "sh3"] + ["dog"] * (name == "ply")
-    varied = with_curvatures(with_slopes(splats), every=3)
+    varied = with_shifts(with_curvatures(with_slopes(splats), every=3))
     more = by_part(FileKind(name), varied)
     assert sum(more.values()) == FileKind(name).size(varied)
-    assert list(more) == [*parts] + ["slopes", "curvatures"] * (name == "ply")
+    assert list(more) == [*parts] + ["slopes", "curvatures", "shifts"] * (name == "ply")
     flat = splats.plain().uniform_sh(0)
     assert by_part(FileKind(name), flat) == {"primitives": FileKind(name).size(flat)}
 
 
 def test_prices_scale_but_for_what_the_file_needs_itself():
-    known = Prices(10.0, (1.0, 2.0, 3.0, 4.0), 5.0, 6.0, 7.0, 8.0, 9.0)
-    assert known.scaled(2) == Prices(10.0, (2.0, 4.0, 6.0, 8.0), 10.0, 12.0, 14.0, 16.0, 18.0)
+    known = Prices(10.0, (1.0, 2.0, 3.0, 4.0), 5.0, 6.0, 7.0, 8.0, 9.0, 11.0)
+    assert known.scaled(2) == Prices(10.0, (2.0, 4.0, 6.0, 8.0), 10.0, 12.0, 14.0, 16.0, 18.0, 22.0)
 
 
 def test_an_empty_model_has_no_prices():

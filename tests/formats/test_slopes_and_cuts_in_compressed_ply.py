@@ -1,25 +1,31 @@
-"""The bytes of slopes, curvatures and cuts in a compressed PLY: how near they are, how many, how damage is told."""
+<<<<<<< HEAD
+"""Bytes of slopes, curvatures, cuts and shifts in a compressed PLY: how near they are, how many, how damage is told."""
+=======
+"""Slopes, curvatures, cuts and shifts as bytes of a compressed PLY: how near, how many, how damage is told."""
+>>>>>>> 9cf7e63f6d8b88faf5f2c7d3ee50e30bc582092e
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import pytest
-from cut_models import kept_shares, with_cuts
+from cut_models import kept_shares, with_cuts, with_second_cuts
 from mi_dogsplat import read_model
 from mi_dogsplat.formats import compressed_ply
 from mi_dogsplat.formats.trailer import CURVATURES as CURVATURE_ROWS
 from mi_dogsplat.formats.trailer import CUTS as CUT_ROWS
 from mi_dogsplat.formats.trailer import SECOND_CUTS as SECOND_CUT_ROWS
+from mi_dogsplat.formats.trailer import SHIFTS as SHIFT_ROWS
 from mi_dogsplat.formats.trailer import SLOPES as SLOPE_ROWS
 from mi_dogsplat.formats.trailer import Rows, encode
-from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from places import points_in
 from row_kinds import RowKind, of_each
+from shifted_models import moves_seen
 from sloped_models import with_curvatures, with_slopes
 from splat_scenes import random_splats, rounded
 
@@ -50,6 +56,13 @@ def kept_share_changed(back: Splats, truth: Splats, plane: RowGroup = CUTS) -> f
     return float(np.abs(kept_shares(same_planes, points, plane) - kept_shares(truth, points, plane)).mean())
 
 
+def moves_changed(back: Splats, truth: Splats) -> float:
+    """In standard deviations, as the truth is seen from around."""
+    points = truth.means[truth.shift_index][:, None] + np.random.default_rng(2).normal(0, 9, (truth.n_shifts, 5, 3))
+    same_places = replace(truth, view_shifts=back.view_shifts, mean_views=back.mean_views)
+    return float(np.abs(moves_seen(same_places, points) - moves_seen(truth, points)).mean())
+
+
 @dataclass(frozen=True)
 class Kind(RowKind):
     """Rows as numbers with a unit, below which they are told apart evenly; behind what may come before, or alone."""
@@ -62,11 +75,17 @@ class Kind(RowKind):
 
     def model(self, index=tuple(range(0, N, 3)), dog_share: float = 0) -> Splats:
         before = self.before(rounded(random_splats(N, seed=4, degree=1, dog_share=dog_share)))
-        return replace(before, **{self.group.index: np.array(index, np.uint32), self.name: self.random(len(index))})
+        return replace(before, **self._rows(index))
 
     def without(self, splats: Splats) -> Splats:
         """All else as it is: curvatures that go leave no mean brightness."""
-        return replace(splats, **{self.group.index: np.zeros(0, np.uint32), self.name: self.random(0)})
+        return replace(splats, **self._rows(()))
+
+    def _rows(self, index: Sequence[int]) -> dict[str, np.ndarray]:
+        found = {self.group.index: np.array(index, np.uint32), self.name: self.random(len(index))}
+        for name in self.group.names[1:]:  # directions
+            found[name] = np.random.default_rng(9).uniform(-0.7, 0.7, (len(index), *self.group.arrays[name]))
+        return found
 
 
 SLOPED = Kind("slopes", SLOPES, SLOPE_ROWS, 1 / 64, lambda n: some_strong(n, 3, 3), slopes_changed)
@@ -80,11 +99,15 @@ SECOND_CUT = Kind(
 BEHIND_ALL = replace(
     SECOND_CUT, before=lambda splats: with_cuts(with_curvatures(with_slopes(splats, every=5), every=6), every=4)
 )
+SHIFTED = Kind("shifts", SHIFTS, SHIFT_ROWS, 1 / 64, lambda n: some_strong(n, 3, 3), moves_changed)
+LAST = replace(
+    SHIFTED, before=lambda splats: with_second_cuts(with_cuts(with_curvatures(with_slopes(splats, every=5), every=6)))
+)
 
 
 @pytest.mark.parametrize("index", [GAPS, [0], [1999], [1020], range(N), range(0, N, 3), range(0, N, 700), []])
 @pytest.mark.parametrize("dog_share", [0, 0.3])
-@of_each(SLOPED, CURVED, BEHIND_SLOPES, CUT, BEHIND, SECOND_CUT, BEHIND_ALL)
+@of_each(SLOPED, CURVED, BEHIND_SLOPES, CUT, BEHIND, SECOND_CUT, BEHIND_ALL, SHIFTED, LAST)
 def test_they_are_within_half_a_step_and_nothing_else_changes(kind, index, dog_share, tmp_path):
     truth, path = kind.model(index, dog_share), tmp_path / "model.compressed.ply"
     path.write_bytes(compressed_ply.encode(truth))
@@ -98,7 +121,7 @@ def test_they_are_within_half_a_step_and_nothing_else_changes(kind, index, dog_s
         assert kind.changed(back, truth) < 0.01
     other.write_bytes(compressed_ply.encode(kind.without(truth)))
     for name, array in vars(compressed_ply.decode(other)).items():
-        if name not in (kind.group.index, kind.name):
+        if name not in (kind.group.index, *kind.group.names):
             np.testing.assert_array_equal(getattr(back, name), array)
 
 
@@ -142,10 +165,32 @@ def test_rows_of_cuts_by_hand(kind):
     assert rows[0].tolist() == [2, 0, 0, 0] and rows[1, 0] == 255 and rows[2].tolist() == [0, 0, 255, 255]
 
 
+def test_rows_of_shifts_by_hand():
+    shifts, views = np.zeros((2, 3, 3)), np.array([[0, -0.25, 0], [0, 0.5, 1.0]])  # as they are
+    shifts[0, 0, 1], shifts[1, 2, 2] = -1 / 64, 3 / 64  # -log 2 and log 4, each the end of its column
+    rows = {"shift_index": np.array([2, 258]), "view_shifts": shifts, "mean_views": views}
+    comments, trailer = encode(replace(rounded(random_splats(600, dog_share=0)), **rows))
+    assert comments == ["dogsplat shifts 1 3"]
+    low, high = np.array(struct.unpack_from("<24f", trailer)).reshape(2, 12)
+    assert low == pytest.approx([0, -np.log(2), *[0] * 8, -0.25, 0], abs=1e-6)
+    assert high == pytest.approx([*[0] * 8, np.log(4), 0, 0.5, 1], abs=1e-6)
+    rows = np.frombuffer(trailer, np.uint8, offset=96).reshape(3, 13)
+    assert rows[0].tolist() == [2, *[0] * 12] and rows[1, 0] == 255
+    assert rows[2].tolist() == [0, 0, 255, *[0] * 6, 255, 0, 255, 255]
+
+
+def test_mean_views_are_within_half_a_step_of_their_bounds(tmp_path):
+    truth, path = SHIFTED.model(), tmp_path / "model.compressed.ply"
+    truth.mean_views[:5] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1]]
+    path.write_bytes(compressed_ply.encode(truth))
+    apart = np.abs(compressed_ply.decode(path).mean_views - truth.mean_views).max(axis=0)
+    assert (apart < np.ptp(truth.mean_views, axis=0) / 510 + 1e-6).all() and 0.003 < apart.max() < 0.004
+
+
 @pytest.mark.parametrize(
     ("kind", "bounds_bytes", "row_bytes"),
-    [(SLOPED, 72, 10), (BEHIND_SLOPES, 48, 7), (BEHIND, 24, 4), (BEHIND_ALL, 24, 4)],
-    ids=["slopes", "curvatures", "cuts", "second_cuts"],
+    [(SLOPED, 72, 10), (BEHIND_SLOPES, 48, 7), (BEHIND, 24, 4), (BEHIND_ALL, 24, 4), (LAST, 96, 13)],
+    ids=["slopes", "curvatures", "cuts", "second_cuts", "shifts"],
 )  # fmt: skip
 def test_what_a_row_takes(kind, bounds_bytes, row_bytes):
     full = kind.model(range(0, N, 2), dog_share=0.5)
@@ -155,9 +200,10 @@ def test_what_a_row_takes(kind, bounds_bytes, row_bytes):
 
 
 def test_the_kinds_stand_in_their_order_and_a_model_of_none_has_no_byte_of_them():
-    full = BEHIND_ALL.model(dog_share=0.5)
-    assert [line.split()[1] for line in encode(full)[0]] == ["dog", "slopes", "curvatures", "cuts", "second_cuts"]
-    assert b"dogsplat" not in compressed_ply.encode(full.plain().without_slopes().without_cuts())
+    full = LAST.model(dog_share=0.5)
+    kinds = ["dog", "slopes", "curvatures", "cuts", "second_cuts", "shifts"]
+    assert [line.split()[1] for line in encode(full)[0]] == kinds
+    assert b"dogsplat" not in compressed_ply.encode(full.plain().without_slopes().without_cuts().without_shifts())
 
 
 @pytest.mark.parametrize("normal", [0.0, 1e38, -3e38])
@@ -195,6 +241,11 @@ def test_normals_of_any_size_can_be_read_again(kind, normal, tmp_path):
         (BEHIND_ALL, lambda b: b.replace(b"curvatures 1 ", b"curvature 1 "), "0 curvature rows are 0"),
         (BEHIND_ALL, lambda b: b[:-1], "bytes follow the last element"),
         (BEHIND_ALL, lambda b: b[:-4] + b"\xfe" + b[-3:], "a second cut row is for primitive"),
+        (LAST, lambda b: b.replace(b"shifts 1 ", b"shifts 2 "), "its shift rows are of version 2, known is 1"),
+        (LAST, lambda b: b.replace(b"shifts 1 ", b"shafts 1 "), "0 shift rows are 0"),
+        (LAST, lambda b: b.replace(b"second_cuts 1 ", b"second_cats 1 "), "0 second cut rows are 0"),
+        (LAST, lambda b: b[:-1], "bytes follow the last element"),
+        (LAST, lambda b: b[:-13] + b"\xfe" + b[-12:], "a shift row is for primitive"),
     ],
 )
 def test_damage_is_told_in_one_line(kind, damage, complaint, tmp_path):
@@ -224,6 +275,9 @@ def test_damage_is_told_in_one_line(kind, damage, complaint, tmp_path):
         (CUT, (0,) * 3 + (90.0,) * 3),
         (SECOND_CUT, (np.nan,) * 6),
         (SECOND_CUT, (0,) * 3 + (90.0,) * 3),
+        (SHIFTED, (np.nan,) * 24),
+        (SHIFTED, (0,) * 23 + (np.inf,)),
+        (SHIFTED, (0,) * 12 + (90.0,) * 12),
     ],
 )
 def test_bounds_that_make_no_sense_are_refused(kind, bounds, tmp_path):

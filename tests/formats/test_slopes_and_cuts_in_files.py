@@ -1,4 +1,4 @@
-"""Slopes, curvatures and cuts in files: a PLY keeps them, a compressed one in bytes; others say they leave them out."""
+"""Slopes, curvatures, cuts and shifts in files: a PLY keeps them, a compressed one in bytes; others leave them out."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,11 +13,12 @@ from mi_dogsplat.formats.sizes import KINDS, FileKind, by_part, prices
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.formats.upright import upright
 from mi_dogsplat.scene.radiance import brightened
-from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SHIFTS, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.whole import whole
 from places import points_in
 from row_kinds import RowKind, of_each
+from shifted_models import moves_seen, with_shifts
 from sloped_models import curvature_brightness, slope_colors, with_curvatures, with_slopes
 from splat_scenes import random_splats, rounded
 
@@ -63,7 +64,12 @@ CUT = Kind(
 SECOND_CUT = Kind(
     "second_cuts", SECOND_CUTS, with_all, whole, CUT.said, 16, partial(kept_shares, plane=SECOND_CUTS), 1e-3, "cuts"
 )
-each_kind = of_each(SLOPED, CURVED, CUT, SECOND_CUT)
+SHIFTED = Kind(
+    "shifts", SHIFTS, lambda splats: with_shifts(with_all(splats), every=3), Splats.without_shifts,
+    "no place that depends on the view: the shifts of 100 are left out, each has its mean place", 52,
+    moves_seen, 1e-4, "shifts",
+)  # fmt: skip
+each_kind = of_each(SLOPED, CURVED, CUT, SECOND_CUT, SHIFTED)
 NO_ROOM = [".glb", ".gltf", ".sog", ".splat", ".spz"]
 
 

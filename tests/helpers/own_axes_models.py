@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from cut_models import with_cuts, with_second_cuts
 from mi_dogsplat import Splats, reference
-from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SHIFTS, SLOPES
 from row_kinds import RowKind, of_each
+from shifted_models import with_shifts
 from sloped_models import with_curvatures, with_slopes
 from splat_scenes import C0, random_splats, scene_of, square_camera
 
@@ -65,6 +66,7 @@ class Kind(RowKind):
 SLOPED, CUT = Kind("slopes", SLOPES, with_slopes, 0.02), Kind("cuts", CUTS, with_cuts, 0.2)
 SECOND_CUT = Kind("second_cuts", SECOND_CUTS, with_second_cuts, 0.2)
 CURVED = Kind("curvatures", CURVATURES, with_curvatures, 0.02)
+SHIFTED = Kind("shifts", SHIFTS, with_shifts, 0.02)  # which no ray and no pixel has to know: not among the others
 PLANE_KINDS = CUT, SECOND_CUT
 KINDS = SLOPED, CURVED, *PLANE_KINDS
 

@@ -1,4 +1,4 @@
-"""Slopes, curvatures and cuts by their names, for tests of what is the same of both."""
+"""Slopes, curvatures, cuts and shifts by their names, for tests of what is the same of all."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ class RowKind:
     """A kind of rows in models and optimizers. Files of tests add what they need of it."""
 
     word: str
-    """``slopes``, ``curvatures``, ``cuts`` or ``second_cuts``"""
+    """``slopes``, ``curvatures``, ``cuts``, ``second_cuts`` or ``shifts``"""
     group: RowGroup
-    """with one array of values"""
 
     @property
     def name(self) -> str:
-        """Of the values."""
+        """Of the values; of shifts, whose mean views are a second array."""
         return self.group.names[0]
 
     def n(self, holder: Any) -> int:

@@ -33,6 +33,17 @@ def places_seen(splats: Splats, views: np.ndarray) -> np.ndarray:
     return places
 
 
+def moves_seen(splats: Splats, points: np.ndarray) -> np.ndarray:
+    """[V, P, 3] float64, by how many standard deviations along each axis primitives with shifts stand beside where
+    they are stored, as seen from points [V, P, 3] in the world."""
+    index = splats.shift_index
+    views = splats.means[index].astype(np.float64)[:, None] - points
+    axes = reference.rotations(splats.quats[index].astype(np.float64))  # columns
+    own = np.einsum("vka,vpk->vpa", axes, views / np.linalg.norm(views, axis=-1, keepdims=True))
+    more = own - splats.mean_views[:, None].astype(np.float64)
+    return np.einsum("vab,vpb->vpa", splats.view_shifts.astype(np.float64), more)
+
+
 def standing(splats: Splats, view: Any) -> Splats:
     """The model without shifts, primitives where they are seen along the unit vector ``view`` [3]."""
     still = splats.without_shifts()

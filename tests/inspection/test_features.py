@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +27,12 @@ from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.presets import GIVEN
+from shifted_models import with_shifts
 from sloped_models import with_curvatures, with_slopes
 from splat_scenes import dog_dict, make_camera, random_splats, rounded, scene_of, square_camera
 
 OF_AXES = {"slopes", "curvatures", "cuts", "second cuts"}
-MODEL = {"Gaussians", "DoG", "negative T"} | OF_AXES | {f"SH degree {d}" for d in (1, 2, 3)}
+MODEL = {"Gaussians", "DoG", "negative T"} | OF_AXES | {"shifts"} | {f"SH degree {d}" for d in (1, 2, 3)}
 RENDER = {"background", "antialiasing", "depth", "other AOVs", "derivatives"}
 
 
@@ -70,11 +72,12 @@ def test_a_plain_model_leaves_out_what_it_has_not(tmp_path):
 
 def test_the_parameters_add_up_to_those_of_the_model():
     sloped = with_curvatures(with_slopes(model(degree=3, dog_share=0.5), every=3), every=4)
-    splats = with_second_cuts(with_cuts(sloped), every=5)
+    splats = with_shifts(with_second_cuts(with_cuts(sloped), every=5), every=7)
     each = {f.name: int(f.reason.split("each ")[1].split()[0]) for f in model_features([splats]) if "each" in f.reason}
     m = each.pop("DoG") * splats.n_dog
     m += each.pop("slopes") * splats.n_slopes + each.pop("cuts") * splats.n_cuts
     m += each.pop("second cuts") * splats.n_second_cuts + each.pop("curvatures") * splats.n_curvatures
+    m += each.pop("shifts") * splats.n_shifts
     arrays = [getattr(splats, name) for name in vars(splats) if not name.endswith("_index")]
     assert sum(each.values()) * splats.n_splats + m == sum(array.size for array in arrays)
 
@@ -117,6 +120,18 @@ def test_slopes_and_cuts_are_needed_by_the_primitives_that_have_them(name, with_
     zeros = dataclasses.replace(splats, **{value: 0 * getattr(splats, value) for value in values})
     unneeded = read([str(f) for f in model_features([zeros])])[f"{name} that are zero"]
     assert unneeded == ("paid, not needed", f"10, {10 * int(size.split()[2])} bytes; dogsplat clean takes them out")
+
+
+def test_shifts_are_needed_by_the_primitives_that_have_them_and_cost_pixels_nothing():
+    splats = with_shifts(model(dog_share=0.5), every=4)
+    state, reason = read([str(f) for f in model_features([splats, model()])])["shifts"]
+    assert state == "needed" and "per pixel" not in reason
+    said = r"10 of 80 primitives; each 12 parameters, 52 bytes, (\d+) operations; and 4 bytes for its row in each of 80"
+    cost = re.fullmatch(said, reason)
+    assert cost and 30 < int(cost[1]) < 200
+    splats.view_shifts[:3] = 0
+    unneeded = read([str(f) for f in model_features([splats])])["shifts that are zero"]
+    assert unneeded == ("paid, not needed", "3, 156 bytes; dogsplat clean takes them out")
 
 
 def test_degrees_whose_coefficients_are_all_zero_are_paid_without_need():

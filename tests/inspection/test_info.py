@@ -14,7 +14,7 @@ from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.info import describe, model_problems
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-from own_axes_models import CURVED, CUT, SECOND_CUT, SLOPED, Kind
+from own_axes_models import CURVED, CUT, SECOND_CUT, SHIFTED, SLOPED, Kind
 from row_kinds import of_each
 
 
@@ -64,8 +64,8 @@ def test_a_mixed_model_is_counted_by_sh_degree_and_its_bytes_by_part(tmp_path):
     assert names == ["primitives", "sh1", "dog"]
 
 
-@of_each(SLOPED, CURVED)
-def test_slopes_and_curvatures_are_counted_where_there_are_some(tmp_path, kind: Kind):
+@of_each(SLOPED, CURVED, SHIFTED)
+def test_slopes_curvatures_and_shifts_are_counted_where_there_are_some(tmp_path, kind: Kind):
     splats = kind.having(healthy(), every=50)
     kind.values(splats)[:] = np.linspace(-0.25, 1.75, kind.values(splats).size).reshape(4, *kind.shape)
     write_ply(tmp_path / "m.ply", splats)
@@ -96,7 +96,7 @@ def test_cuts_are_counted_where_there_are_some(tmp_path, kind: Kind, what, norma
 def test_a_model_without_dog_says_nothing_about_it(tmp_path):
     write_ply(tmp_path / "m.ply", tiny_data.truth())
     for line in describe(tmp_path / "m.ply"):
-        assert not line.startswith("  DoG") and not any(word in line for word in ("slopes", "cut", "curv"))
+        assert not line.startswith("  DoG") and not any(word in line for word in ("slopes", "cut", "curv", "shift"))
 
 
 @pytest.mark.parametrize(

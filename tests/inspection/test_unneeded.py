@@ -10,7 +10,7 @@ from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.inspection.unneeded import FADED, Unneeded, used_sh_degrees
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.splats import Splats
-from own_axes_models import CURVED, EACH_KIND, EACH_PLANE, PLANE_KINDS, SLOPED, Kind
+from own_axes_models import CURVED, EACH_PLANE, KINDS, PLANE_KINDS, SHIFTED, SLOPED, Kind
 from row_kinds import of_each
 from splat_scenes import logit, make_camera, make_splats, random_splats, rounded
 
@@ -34,7 +34,7 @@ def wasteful(seed=0) -> Splats:
 
 
 def varied(kind: Kind) -> Splats:
-    """The same, and every third primitive has slopes or curvatures, of which each fourth row is zero."""
+    """The same, and every third primitive has slopes, curvatures or shifts, of which each fourth row is zero."""
     splats = kind.having(wasteful(), every=3)
     kind.values(splats)[::4] = 0
     kind.values(splats)[1, 2] = 0  # not all of the row
@@ -63,8 +63,8 @@ def test_pictures_keep_their_bits_where_all_dog_have_faded():
         assert np.array_equal(before, after)
 
 
-@of_each(SLOPED, CURVED)
-def test_zero_slopes_and_curvatures_leave_and_the_others_keep_the_bits_of_every_picture(kind):
+@of_each(SLOPED, CURVED, SHIFTED)
+def test_zero_slopes_curvatures_and_shifts_leave_and_the_others_keep_the_bits_of_every_picture(kind):
     splats = varied(kind)
     found = Unneeded.of(splats)
     lean, zeros = found.taken_out(splats), getattr(found, f"zero_{kind.word}")
@@ -76,8 +76,8 @@ def test_zero_slopes_and_curvatures_leave_and_the_others_keep_the_bits_of_every_
         assert np.array_equal(before, after) and not np.array_equal(before, other)
 
 
-@of_each(SLOPED, CURVED)
-def test_pictures_keep_their_bits_where_all_slopes_or_curvatures_are_zero(kind):
+@of_each(SLOPED, CURVED, SHIFTED)
+def test_pictures_keep_their_bits_where_all_slopes_curvatures_or_shifts_are_zero(kind):
     """The kernels of a model without any are others."""
     splats = varied(kind)
     kind.values(splats)[:] = 0
@@ -134,13 +134,22 @@ def test_a_faint_primitive_stays_where_its_cuts_make_it_visible(opacity, shown):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-@EACH_KIND
+@of_each(*KINDS, SHIFTED)
 def test_rows_that_are_not_finite_are_drawn_by_no_kernel(value, kind):
     splats = cut_off(kind) if kind in PLANE_KINDS else varied(kind)
     kind.values(splats)[2, 1, ...] = value
     row = int(kind.index(splats)[2])
     assert row % 5 and Unneeded.of(splats).invisible[row]
     lean = Unneeded.of(splats).taken_out(splats)
+    for before, after in zip(pictures(splats), pictures(lean), strict=True):
+        assert np.array_equal(before, after)
+
+
+def test_a_mean_view_that_is_not_finite_is_drawn_by_no_kernel():
+    splats = varied(SHIFTED)
+    splats.mean_views[2, 1] = np.nan
+    lean = Unneeded.of(splats).taken_out(splats)
+    assert Unneeded.of(splats).invisible[splats.shift_index[2]]
     for before, after in zip(pictures(splats), pictures(lean), strict=True):
         assert np.array_equal(before, after)
 

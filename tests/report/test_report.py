@@ -27,6 +27,8 @@ from mi_dogsplat.training.events import (
     SecondCutsActivated,
     SecondCutsLeftOut,
     ShDegree,
+    ShiftsActivated,
+    ShiftsLeftOut,
     SlopesActivated,
     SlopesLeftOut,
     row_of,
@@ -148,11 +150,13 @@ def test_every_kind_of_event_has_its_lane(run):
         ("cuts", [CutsActivated(7)], {"n_slopes": 9, "n_cuts": 8}, "9 with slopes, 8 with a cut"),
         ("cuts", [SecondCutsActivated(7), SecondCutsLeftOut(2, 5)], {"n_second_cuts": 3}, "3 with a second cut"),
         ("cuts", [SecondCutsActivated(7)], {"n_cuts": 8, "n_second_cuts": 6}, "8 with a cut, 6 with a second cut"),
+        ("shifts", [ShiftsActivated(7), ShiftsLeftOut(2, 5)], {"n_shifts": 5}, "5 with shifts"),
     ],
 )
 def test_rows_have_a_lane_and_are_counted_where_a_run_gives_them(run, lane, events, counted, words):
     before = text_of(write_report(run))
-    assert f">{lane}</text>" not in before and not any(word in before for word in ("slopes", "curvatures", "a cut"))
+    kinds = "slopes", "curvatures", "a cut", "shifts"
+    assert f">{lane}</text>" not in before and not any(word in before for word in kinds)
     history = history_of(run)
     history[-1] |= row_of(events)
     (run / "history.jsonl").write_text("".join(json.dumps(row) + "\n" for row in history))

@@ -30,19 +30,23 @@ from mi_dogsplat.viewer.view_state import (
     ONLY_GAUSSIANS,
     PHOTOGRAPH,
     REST_SECONDS,
+    SHIFT_DIFFERENCE,
     SLOPE_DIFFERENCE,
     WITHOUT_CUTS,
     WITHOUT_DOG,
+    WITHOUT_SHIFTS,
     WITHOUT_SLOPES,
     Pace,
     Pose,
     Settings,
 )
 from scipy.spatial.transform import Rotation
+from shifted_models import with_shifts
 from sloped_models import with_curvatures, with_slopes
 
 SMALL = Settings(height=48, gain=1.0)
 SLOPES, CUTS = [WITHOUT_SLOPES, SLOPE_DIFFERENCE], [WITHOUT_CUTS, CUT_DIFFERENCE]
+SHIFTS = [WITHOUT_SHIFTS, SHIFT_DIFFERENCE]
 
 
 def pose_of(camera) -> Pose:
@@ -111,8 +115,9 @@ def test_each_choice_draws_its_part_of_the_model():
         (with_cuts, Splats.without_cuts, CUTS),
         (with_second_cuts, Splats.without_cuts, CUTS),
         (lambda splats, every: with_second_cuts(with_cuts(splats, every)), Splats.without_cuts, CUTS),
+        (with_shifts, Splats.without_shifts, SHIFTS),
     ],
-    ids=["slopes", "curvatures", "slopes and curvatures", "cuts", "second_cuts", "both cuts"],
+    ids=["slopes", "curvatures", "slopes and curvatures", "cuts", "second_cuts", "both cuts", "shifts"],
 )
 def test_slopes_and_cuts_can_be_switched_off_and_their_difference_shown(changed, bare, choices):
     model, camera = changed(tiny_data.dog_model(), every=3), tiny_data.cameras()[0]

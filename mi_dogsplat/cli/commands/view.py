@@ -20,7 +20,7 @@ Examples:
   dogsplat view run/ --host 0.0.0.0 --port 9000         also for other machines; there is no password
 
 Every picture is rendered here: small while the camera moves, full when it rests. The panel switches DoG,
-slopes with curvatures, or cuts off, shows DoG or Gaussians alone, differences and errors, and sets
+slopes with curvatures, cuts, or shifts off, shows DoG or Gaussians alone, differences and errors, and sets
 resolution, SH degree and background.
 """
 

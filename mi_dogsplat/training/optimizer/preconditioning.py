@@ -33,7 +33,7 @@ from .joint_steps import Numbers, TrainedArray, joint_steps, n_pairs
 IN_GROUPS = DOG, *PLANES
 GROUP = {name: group for group in IN_GROUPS for name in group.names}
 JOINT = ("means", "log_scales", "quats", "logit_opacities", "sh_dc", *GROUP)
-"""Arrays whose numbers move together. View-dependent colour, slopes and curvatures have steps of their own."""
+"""Arrays whose numbers move together. Bands of colour, slopes, curvatures and shifts have steps of their own."""
 ALL_HAVE = 14  # numbers of a primitive that are in no group
 PRIOR = 0.2  # times the identity is what S begins with: nothing goes together
 PRODUCTS = "products of "  # and names of arrays: that part of a state

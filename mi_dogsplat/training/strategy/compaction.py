@@ -163,7 +163,10 @@ def with_rows(splats: Splats, groups: Sequence[RowGroup]) -> Splats:
 
 
 def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
-    """The model with what was chosen; what is left of a colour is fitted to the pictures as they were."""
+    """The model with what was chosen; what is left of a colour is fitted to the pictures as they were.
+
+    Shifts stay with their primitives.
+    """
     degrees = splats.sh_degrees
     degrees[chosen.kept] = chosen.degrees
     whole = replace(splats.uniform_sh(), sh_coeffs=options.bands.fitted(degrees)).select(chosen.kept)

@@ -5,7 +5,8 @@ its DoG row, all these again with its slopes, and so on with its curvatures, its
 each is in one unit, the energy of the change of the training pictures (``scores/``), and is measured as if nothing else
 changed: of a removal by leave-one-out, of bands with the others fitted anew, of a DoG row by the pictures with the
 primary alone, of a cut by those without it; those of slopes and curvatures are estimates. What an option is worth is
-the loss of a removal minus its own.
+the loss of a removal minus its own. What is lost without shifts is not measured: they stay with their primitive, and
+raise its price.
 """
 
 from __future__ import annotations
@@ -85,6 +86,7 @@ class Options:
     curvatures: Rows
     cuts: Rows
     second_cuts: Rows
+    shifted: np.ndarray  # [N] bool, whether it has a row of shifts, which stays with it
     bands: Bands
 
     @classmethod
@@ -110,7 +112,8 @@ class Options:
             Rows.of(splats.cut_index, n, cut),
             Rows.of(splats.second_cut_index, n, second_cut),
         )
-        return cls(energy(REMOVAL), found.losses(), splats.sh_degrees, *rows, found)
+        shifted = np.isin(np.arange(n), splats.shift_index)
+        return cls(energy(REMOVAL), found.losses(), splats.sh_degrees, *rows, shifted, found)
 
     def of_whole_primitives(self, means: np.ndarray) -> Options:
         """The same, when a primitive can only go or stay as it is; those that are outermost are the last to go.
@@ -137,6 +140,8 @@ class Options:
             values = np.concatenate([values - rows.without[:, None], having], axis=1)
             bytes_of = np.concatenate([bytes_of, bytes_of + max(price, 1e-9)])
         values, bytes_of = np.concatenate([np.zeros((n, 1)), values], axis=1), np.append(0.0, bytes_of)
+        if self.shifted.any():
+            bytes_of = bytes_of + prices.shifts * np.outer(self.shifted, bytes_of > 0)  # [N, options]
         choice = allocate(values, bytes_of, max(0.0, budget - prices.fixed))
         kept = np.flatnonzero(choice)
         what = choice[kept] - 1

@@ -17,6 +17,7 @@ from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
+from shifted_models import with_shifts
 
 STEPS = 120
 
@@ -101,7 +102,9 @@ def test_comparisons_are_of_numbers_of_primitives(data, tmp_path, capsys, comman
 
 @pytest.mark.parametrize(
     ("word", "row_bytes", "primitive_bytes", "least"),  # of a primitive: with all that it will get
-    [("slopes", 40, 68 + 40, 10), ("curvatures", 28, 68 + 40 + 28 + 2 * 16, 5)], ids=["slopes", "curvatures"],
+    [("slopes", 40, 68 + 40, 10), ("curvatures", 28, 68 + 40 + 28 + 2 * 16, 5),
+     ("shifts", 52, 68 + 40 + 28 + 2 * 16 + 52, 5)],
+    ids=["slopes", "curvatures", "shifts"],
 )  # fmt: skip
 def test_a_run_that_gives_rows_ends_with_a_file_of_its_size(tmp_path, word, row_bytes, primitive_bytes, least):
     data = tiny_data.write_tiny_data(tmp_path / "data", splats=tiny_data.sloped_truth())
@@ -115,6 +118,18 @@ def test_a_run_that_gives_rows_ends_with_a_file_of_its_size(tmp_path, word, row_
     assert last["n"] <= 7000 / primitive_bytes and last[f"n_{word}"] == last["n_slopes"] == 0
     (come,) = records(rows, f"{word}_activated")
     assert come["count"] <= last["n"]
+    if word == "shifts":  # no primitive that was kept has lost its own but for being faint at the end
+        assert n == metrics["n"] - sum(record["count"] for record in records(rows, "shifts_left_out"))
+
+
+def test_a_model_with_shifts_is_pruned_to_a_size_and_who_stays_keeps_them(data, tmp_path):
+    write_ply(tmp_path / "model.ply", with_shifts(tiny_data.dog_model(), every=1))
+    config = config_of(data, model=str(tmp_path / "model.ply"), target="4kB", max_primitives=None, steps=30)
+    metrics = mi_dogsplat.runs.run.train(config, tmp_path / "run")
+    path = tmp_path / "run" / "point_cloud.ply"
+    assert 3600 < metrics["bytes"] == path.stat().st_size == sum(metrics["bytes_by_part"].values()) <= 4000
+    assert read_ply(path).n_shifts == metrics["n_shifts"] == metrics["n"] < 4000 / (68 + 52)
+    assert metrics["bytes_by_part"]["shifts"] > 52 * metrics["n"]
 
 
 @pytest.mark.parametrize("name", ["ply", "spz"])

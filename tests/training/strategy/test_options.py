@@ -1,4 +1,4 @@
-"""What bytes are divided among: primitives, bands, DoG rows, slopes, curvatures and cuts go where they gain least."""
+"""What bytes are divided among: primitives, bands, DoG rows, slopes, curvatures, cuts go where they gain least."""
 
 from dataclasses import replace
 
@@ -11,6 +11,7 @@ from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import Bands
 from mi_dogsplat.training.strategy.compaction import as_chosen
 from mi_dogsplat.training.strategy.options import GROUPS, Options, Rows
+from shifted_models import with_shifts
 from splat_scenes import C0, random_splats, rounded
 
 
@@ -28,7 +29,8 @@ def options_of(removal, by_degree, without_dog, splats: Splats, slopes=None, cur
         return Rows(has, np.zeros(splats.n_splats) if loss is None else np.array(loss))
 
     groups = {name: rows(index) for name, index in zip(GROUPS, losses, strict=True)}
-    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, bands=bands, **groups)
+    shifted = np.isin(np.arange(splats.n_splats), splats.shift_index)
+    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, bands=bands, shifted=shifted, **groups)
 
 
 def four() -> Splats:
@@ -176,6 +178,33 @@ def test_of_two_cuts_the_one_goes_that_gains_less():
     assert (chosen.dog.tolist(), chosen.cuts.tolist(), chosen.second_cuts.tolist()) == ([0], [0, 3], [1, 3])
     model = as_chosen(splats, options, chosen)
     assert (model.cut_index.tolist(), model.second_cut_index.tolist()) == ([0, 3], [1, 3])
+
+
+SHIFTED = replace(PRICES, shifts=52.0)
+
+
+@pytest.mark.parametrize(
+    ("budget", "kept", "degrees", "dog"),
+    [
+        (1000, [0, 1, 2, 3], [1, 1, 1, 0], [0, 1]),  # all of it
+        (480 + 2 * 52, [0, 1, 2, 3], [1, 0, 0, 0], [0]),  # bands and rows that hardly matter go first
+        (480 + 2 * 52 - 1, [0, 1, 3], [1, 0, 0], [0]),  # then the primitive that its shifts have made dear
+        (385, [0, 1], [1, 0], [0]),
+    ],
+)
+def test_shifts_stay_with_their_primitives_and_raise_the_price_of_these(budget, kept, degrees, dog):
+    """Without them the last primitive would go first."""
+    splats = with_shifts(four())  # the first and the third
+    options = options_of([9, 5, 1.2, 1.0], *LOSSES[1:], splats)
+    chosen = options.chosen(SHIFTED, budget)
+    np.testing.assert_array_equal(chosen.kept, kept)
+    np.testing.assert_array_equal(chosen.degrees, degrees)
+    np.testing.assert_array_equal(chosen.dog, dog)
+    model = as_chosen(splats, options, chosen)
+    expected = splats.select(kept)
+    assert model.n_shifts == expected.n_shifts > 0
+    for name in ("shift_index", "view_shifts", "mean_views"):
+        np.testing.assert_array_equal(getattr(model, name), getattr(expected, name))
 
 
 def test_slopes_that_are_to_come_cost_what_they_will_and_are_not_given_up():

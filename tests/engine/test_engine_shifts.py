@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.engine.arrays import backward
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera, project
@@ -40,7 +41,7 @@ def gradients(splats: Splats, adjoint: np.ndarray, **others) -> dict[str, np.nda
     params = attached(splats)
     frame = rasterize(params, DeviceCamera.upload(CAMERA), options(splats, **others))
     planes = [mi.Float(plane.ravel().astype(np.float32)) for plane in np.moveaxis(adjoint, -1, 0)]
-    dr.backward(sum(dr.sum(color * plane) for color, plane in zip(frame.colors, planes, strict=True)))
+    backward(frame.colors, planes)
     names = [name for name, value in params.items() if dr.grad_enabled(value)]
     return {name: dr.grad(params[name]).numpy().reshape(getattr(splats, name).shape) for name in names}
 
