@@ -148,8 +148,9 @@ class Command:
 
     def convert(self, path: Path, out: Path, bake: bool = False) -> None:
         """As that of ``InProcess``."""
-        how = ("--dog", "bake" if bake else "keep", "--slopes", "keep", "--cuts", "keep", "--refine", "0")
-        words = [*self.words, "export", str(path), "-o", str(out), "--views", "0", *how]
+        kept = "--slopes", "keep", "--cuts", "keep", "--shifts", "keep"
+        how = "--dog", "bake" if bake else "keep", *kept, "--refine", "0", "--views", "0"
+        words = [*self.words, "export", str(path), "-o", str(out), *how]
         try:
             done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
         except OSError as error:

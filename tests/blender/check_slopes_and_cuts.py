@@ -224,7 +224,7 @@ def test_the_final_frame_shows_them(scene, by_command, path, kind, tmp_path, pla
     assert psnr(picture, reference("dog")["color"]) < 40
 
 
-@pytest.mark.parametrize("kind", ["curvatures", "second_cuts"], indirect=True)
+@pytest.mark.parametrize("kind", ["curvatures", "second_cuts", "shifts"], indirect=True)
 def test_a_whole_scene_shows_them(scene, by_command, path, kind, model, tmp_path):
     """With a wall that the camera does not see: they change what they change in the final frame of the splats alone.
 
@@ -245,7 +245,7 @@ def test_a_whole_scene_shows_them(scene, by_command, path, kind, model, tmp_path
     assert np.corrcoef(alone.ravel(), whole.ravel())[0, 1] > 0.7
 
 
-@pytest.mark.parametrize("kind", ["slopes", "second_cuts"], indirect=True)
+@pytest.mark.parametrize("kind", ["slopes", "second_cuts", "shifts"], indirect=True)
 def test_models_of_other_formats_bring_them_along(command, path, kind, tmp_path):
     """By the command, and in this process where that has the package."""
     expected = read_ply(path)

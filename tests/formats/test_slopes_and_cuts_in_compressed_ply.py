@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""Bytes of slopes, curvatures, cuts and shifts in a compressed PLY: how near they are, how many, how damage is told."""
-=======
 """Slopes, curvatures, cuts and shifts as bytes of a compressed PLY: how near, how many, how damage is told."""
->>>>>>> 9cf7e63f6d8b88faf5f2c7d3ee50e30bc582092e
 
 import struct
 from collections.abc import Callable, Sequence

@@ -76,14 +76,6 @@ def test_spherical_harmonics_and_their_projection_are_the_same(addon, degree):
     np.testing.assert_allclose(projection, sh_projection(SHEAR, degree), atol=1e-13)
 
 
-@pytest.mark.parametrize("name", MAPS)
-def test_the_nearest_direction_is_that_of_spherical_harmonics(addon, name):
-    """Those of degree 1 are -y, z and -x times one number."""
-    of_degree_1, axes, signs = sh_projection(MAPS[name], 1)[1:, 1:], np.array([1, 2, 0]), np.array([-1, 1, -1])
-    found = addon("files.linear_map").view_projection(MAPS[name])[np.ix_(axes, axes)]
-    np.testing.assert_allclose(found * np.outer(signs, signs), of_degree_1.T, atol=1e-13)
-
-
 def test_the_srgb_curve_is_the_same(addon):
     srgb, values = addon("files.srgb"), np.linspace(0, 3, 3001)
     np.testing.assert_allclose(srgb.encoded(values), linear_to_srgb(values), rtol=1e-5, atol=1e-7)

@@ -30,8 +30,7 @@ from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.radiance import brightened
-from own_axes_models import KINDS
-from shifted_models import with_shifts
+from own_axes_models import KINDS, SHIFTED
 from splat_scenes import random_splats, rounded, square_camera, tilted_camera
 
 ROOT = Path(__file__).parents[2]
@@ -76,11 +75,10 @@ def references(tmp_path_factory) -> Path:
     dog = rounded(random_splats(150, seed=3))
     reference(folder, "dog", dog, camera)
     reference(folder, "plain", dog.plain(), camera)
-    for kind in KINDS:
+    for kind in (*KINDS, SHIFTED):
         some = kind.having(dog, every=3)
         reference(folder, kind.word, some, camera)
         write_model(folder / f"{kind.word}.compressed.ply", some)
-    reference(folder, "shifts", with_shifts(dog, every=3), camera)
     for suffix in (".spz", ".glb", ".sog", ".splat", ".compressed.ply"):
         write_model(folder / f"plain{suffix}", Model(dog.plain(), Drawing(antialiased=True)))
     write_model(folder / "says.ply", Model(dog, Drawing(True, 0.05, False, "-y", 2.0)))

@@ -1,7 +1,6 @@
 """What only some splats have, slopes and so on: its names, and what it does at places and in views."""
 
 import numpy as np
-from nearest_views import nearest_views
 
 from blender_addon.files.model import Model, normalized
 from blender_addon.files.rotation import rotations
@@ -75,3 +74,17 @@ def assert_shifts_taken_along(found: Model, raw: Model, linear: np.ndarray) -> N
     expected = moves_along(raw, views @ nearest_views(linear).T) @ linear.T
     assert expected.std() > 0.01 * np.cbrt(abs(np.linalg.det(linear)))
     assert np.abs(moves_along(found, views) - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+def nearest_views(linear: np.ndarray) -> np.ndarray:
+    """K [3, 3]: a unit vector d is K d, nearly, before a map A [3, 3], exactly A⁻¹ d / |A⁻¹ d|.
+
+    By least squares over a spiral of directions, each of which has as much of the sphere to itself.
+    """
+    k = np.arange(100_000)
+    z, angle = 1 - (2 * k + 1) / len(k), np.pi * (3 - np.sqrt(5)) * k
+    radius = np.sqrt(1 - z * z)
+    directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+    before = np.linalg.solve(linear, directions.T).T
+    before /= np.linalg.norm(before, axis=1, keepdims=True)
+    return np.linalg.lstsq(directions, before, rcond=None)[0].T
