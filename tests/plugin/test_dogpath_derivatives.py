@@ -27,9 +27,12 @@ ADJOINT = np.random.default_rng(0).normal(size=(5, 6, 3))
 SPLATS.slope_index, SPLATS.color_slopes = np.array([0, 1, 2, 3]), np.random.default_rng(2).normal(0, 0.05, (4, 3, 3))
 SPLATS.cut_index, SPLATS.cut_normals = np.array([0, 2, 3]), np.random.default_rng(3).normal(0, 3, (3, 3))
 SPLATS.second_cut_index = np.array([1, 2])
-# with these no ray sees a mean colour near where ``emitted`` clips it, which is no place for differences
+# with these, and with these shifts, no ray sees a mean colour near where ``emitted`` clips it, where no difference is a
+# derivative
 SPLATS.second_cut_normals = np.random.default_rng(7).normal(0, 3, (2, 3))
 SPLATS.curvature_index, SPLATS.brightness_curvatures = [0, 1, 3], np.random.default_rng(8).normal(0, 0.03, (3, 6))
+SPLATS.shift_index, SPLATS.view_shifts = [0, 3], np.random.default_rng(11).normal(0, 0.3, (2, 3, 3))
+SPLATS.mean_views = np.random.default_rng(10).uniform(-0.5, 0.5, (2, 3))
 NAMES = {
     "sh_coeffs": 1e-2,
     "logit_opacities": 1e-2,
@@ -38,6 +41,8 @@ NAMES = {
     "brightness_curvatures": 1e-3,
     "cut_normals": 1e-2,
     "second_cut_normals": 1e-2,
+    "view_shifts": 1e-3,
+    "mean_views": 1e-3,
 }
 
 
