@@ -1,9 +1,10 @@
-"""The pictures of docs/slopes.md, cuts.md and curvatures.md: a part of a test view by two methods, by the second one
-without what it adds, and the photograph.
+"""The pictures of docs/slopes.md, cuts.md, curvatures.md and shifts.md: a part of a test view by two methods, by the
+second one without what it adds, and the photograph.
 
     dogsplat compare ../shared/data/bonsai -o DIR --downscale 2 --steps 7000 --max-primitives 100000 \\
         --max-world-scale inf \\
-        --only ours ours_slopes ours_cuts ours_preconditioned ours_second_cuts ours_curvatures
+        --only ours ours_slopes ours_cuts ours_preconditioned ours_second_cuts ours_curvatures \\
+            ours_shifts
     python -m scripts.pictures.switched_off DIR ../shared/data/bonsai [PICTURE.png …]
 """
 
@@ -51,6 +52,7 @@ SHEETS = {
     "curvatures.png": Sheet(
         ("ours_second_cuts", "ours_curvatures"), "curvatures", Splats.without_curvatures, "DSCF5605", (0, 0)
     ),
+    "shifts.png": Sheet(("ours_curvatures", "ours_shifts"), "shifts", Splats.without_shifts, "DSCF5613", (123, 32)),
 }
 
 
