@@ -46,10 +46,12 @@ from ply_files import (
     cut_columns,
     dog_columns,
     random_splats,
+    shift_columns,
     slope_columns,
     to_bytes,
     vertex_columns,
 )
+from shifted_models import with_shifts
 from sloped_models import with_curvatures, with_slopes
 
 SECONDS = 5.0  # of the processor; more for one small file is a hang
@@ -144,11 +146,12 @@ def ply_seeds() -> list[bytes]:
     for file_format in ("binary_little_endian", "binary_big_endian", "ascii"):
         for sh_degree in (0, 1):
             splats = with_curvatures(with_slopes(random_splats(5, sh_degree)), every=3)
-            splats = with_second_cuts(with_cuts(splats), first=1)
+            splats = with_shifts(with_second_cuts(with_cuts(splats), first=1))
             dog = {"index": splats.dog_index, **dog_columns(splats)}
             elements = {"vertex": vertex_columns(splats), "dog": dog, "slopes": slope_columns(splats)}
             elements |= {"curvatures": curvature_columns(splats)}
             elements |= {"cuts": cut_columns(splats), "second_cuts": cut_columns(splats, SECOND_CUTS)}
+            elements |= {"shifts": shift_columns(splats)}
             seeds.append(to_bytes(elements, file_format, {"index": "uint"}))
         plain = random_splats(4, 0, ())
         seeds.append(to_bytes({"vertex": vertex_columns(plain)}, file_format, {"x": "double", "opacity": "double"}))
@@ -171,7 +174,7 @@ def model_seeds(root: Path) -> dict[str, list[bytes]]:
         if path.suffix != ".sog":  # large
             seeds[path.name.split(".", 1)[1]].append(path.read_bytes())
     with_rows = with_curvatures(with_slopes(random_splats(300, 0, (9, 10, 299)), 7), 8)
-    with_rows = with_second_cuts(with_cuts(with_rows, 5), 6)
+    with_rows = with_shifts(with_second_cuts(with_cuts(with_rows, 5), 6), 9)
     seeds["compressed.ply"].append(encode(with_rows))
     seeds["glb"].append(gltf_of_spz(seeds["spz"][0]))
     del seeds["ply"]  # a target of its own

@@ -63,6 +63,12 @@ def cut_columns(splats: Splats, plane: RowGroup = CUTS) -> dict[str, np.ndarray]
     return {"index": getattr(splats, plane.index)} | {f"cut_{k}": getattr(splats, name)[:, k] for k in range(3)}
 
 
+def shift_columns(splats: Splats) -> dict[str, np.ndarray]:
+    """The element ``shifts`` by column: the move along the first axis by the view along each, and so on; mean views."""
+    values = {f"shift_{3 * move + view}": splats.view_shifts[:, move, view] for move in range(3) for view in range(3)}
+    return {"index": splats.shift_index} | values | {f"view_{k}": splats.mean_views[:, k] for k in range(3)}
+
+
 def to_bytes(elements, file_format="binary_little_endian", types=None) -> bytes:
     """A PLY from {element: {column: values}}; every column is float unless ``types`` says otherwise."""
     types = types or {}

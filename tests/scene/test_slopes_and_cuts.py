@@ -1,4 +1,4 @@
-"""Slopes, curvatures and cuts: in memory, in a PLY file, under maps and in another unit of light."""
+"""Slopes, curvatures, cuts and shifts: in memory, in a PLY file, under maps and in another unit of light."""
 
 from dataclasses import replace
 from functools import partial
@@ -10,7 +10,7 @@ from mi_dogsplat.scene.curvatures import mean_brightness
 from mi_dogsplat.scene.kinds import kinds, kinds_of
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.radiance import brightened
-from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.errors import DataError
@@ -20,11 +20,13 @@ from ply_files import (
     cut_columns,
     dog_columns,
     random_splats,
+    shift_columns,
     slope_columns,
     to_bytes,
     vertex_columns,
     write,
 )
+from shifted_models import with_shifts
 from sloped_models import curvature_brightness, slope_colors, with_curvatures, with_slopes
 from splat_scenes import C0, axis_rotation
 from splat_scenes import random_splats as splats_in_view
@@ -38,19 +40,20 @@ MAPS = {"turn": TURN, "mirror": MIRROR, "scale": 1.7 * np.eye(3), "point mirror"
         "mirrored shear": SHEAR @ MIRROR, "stretch": np.diag([1.0, 1, 3])}  # fmt: skip
 SECOND_COLUMNS = partial(cut_columns, plane=SECOND_CUTS)
 ROWS = {"slopes": (SLOPES, slope_columns), "curvatures": (CURVATURES, curvature_columns),
-        "cuts": (CUTS, cut_columns), "second_cuts": (SECOND_CUTS, SECOND_COLUMNS)}  # fmt: skip
+        "cuts": (CUTS, cut_columns), "second_cuts": (SECOND_CUTS, SECOND_COLUMNS),
+        "shifts": (SHIFTS, shift_columns)}  # fmt: skip
 """By the element that holds them."""
 NAMES = {element: group.names[0] for element, (group, _) in ROWS.items()}
 TOLD = {"slopes": ("slope", "slope"), "curvatures": ("curvature", "curvature"), "cuts": ("cut", "cut"),
-        "second_cuts": ("second cut", "cut")}  # a row, a column  # fmt: skip
+        "second_cuts": ("second cut", "cut"), "shifts": ("shift", "shift")}  # a row, a column  # fmt: skip
 each_kind = pytest.mark.parametrize("element", ROWS)
 
 
 def with_rows(splats: Splats, group: RowGroup, index=INDEX) -> Splats:
     """The model with random rows of a group for the primitives ``index``."""
-    ((name, shape),) = group.arrays.items()
-    values = np.random.default_rng(8).normal(size=(len(index), *shape))
-    return replace(splats, **{group.index: np.array(index, np.uint32), name: values})
+    rng = np.random.default_rng(8)
+    values = {name: rng.normal(size=(len(index), *shape)) for name, shape in group.arrays.items()}
+    return replace(splats, **{group.index: np.array(index, np.uint32)}, **values)
 
 
 def model(element: str, index=INDEX, **others) -> Splats:
@@ -59,11 +62,13 @@ def model(element: str, index=INDEX, **others) -> Splats:
 
 def model_of_all() -> Splats:
     splats = with_rows(model("slopes"), CURVATURES, [0, 1])
-    return with_rows(with_rows(splats, CUTS, [0, 3, 6]), SECOND_CUTS, [0, 2, 3])
+    splats = with_rows(with_rows(splats, CUTS, [0, 3, 6]), SECOND_CUTS, [0, 2, 3])
+    return with_rows(splats, SHIFTS, [3, 5])
 
 
 def with_all(splats: Splats, every: int = 2) -> Splats:
-    return with_second_cuts(with_cuts(with_curvatures(with_slopes(splats, every), every), every), every)
+    splats = with_second_cuts(with_cuts(with_curvatures(with_slopes(splats, every), every), every), every)
+    return with_shifts(splats, every)
 
 
 def without(splats: Splats, element: str) -> Splats:
@@ -106,7 +111,9 @@ def test_they_stand_beside_degrees_of_single_primitives(tmp_path, layout, elemen
     same(read_ply(tmp_path / "a.ply"), mixed if layout == "rows" else mixed.uniform_sh())
 
 
-@pytest.mark.parametrize(("element", "columns"), [("slopes", 9), ("curvatures", 6), ("cuts", 3), ("second_cuts", 3)])
+@pytest.mark.parametrize(
+    ("element", "columns"), [("slopes", 9), ("curvatures", 6), ("cuts", 3), ("second_cuts", 3), ("shifts", 12)]
+)
 def test_the_file_has_the_fixed_layout_byte_for_byte(tmp_path, element, columns):
     splats = model(element, dog_index=(0, 3))
     write_ply(tmp_path / "with.ply", splats)
@@ -126,13 +133,13 @@ def test_cuts_follow_slopes_and_curvatures_and_precede_degrees(tmp_path):
     write_ply(tmp_path / "a.ply", model_of_all().with_sh_degrees([3, 0, 1, 2, 0, 3, 1]), "rows")
     header = (tmp_path / "a.ply").read_bytes().split(b"end_header\n", 1)[0].decode()
     found = [line.split()[1] for line in header.splitlines() if line.startswith("element")]
-    assert found == ["vertex", "dog", "slopes", "curvatures", "cuts", "second_cuts", "sh1", "sh2", "sh3"]
+    assert found == ["vertex", "dog", "slopes", "curvatures", "cuts", "second_cuts", "shifts", "sh1", "sh2", "sh3"]
 
 
 def test_a_file_that_ends_too_early_says_how_many_elements_it_promises(tmp_path):
     write_ply(tmp_path / "a.ply", model_of_all())
     path = write(tmp_path, (tmp_path / "a.ply").read_bytes()[:-1])
-    with pytest.raises(DataError, match=r'promises 7 x "vertex", .* and 2 elements more = \d+ bytes or more, but'):
+    with pytest.raises(DataError, match=r'promises 7 x "vertex", .* and 3 elements more = \d+ bytes or more, but'):
         read_ply(path)
 
 
@@ -206,7 +213,7 @@ def test_without_them_all_else_stays(element):
     splats, left = model_of_all(), without(model_of_all(), element)
     also = {"cuts": PLANES, "slopes": (SLOPES, CURVATURES)}  # without a cut no second one, with one colour no curvature
     groups = also.get(element, [ROWS[element][0]])
-    assert [getattr(splats, f"n_{each}") for each in ROWS] == [4, 2, 3, 3] and left.n_dog == 3
+    assert [getattr(splats, f"n_{each}") for each in ROWS] == [4, 2, 3, 3, 2] and left.n_dog == 3
     if CURVATURES in groups:  # as bright as on average
         average = mean_brightness(splats.brightness_curvatures, splats.log_scales[splats.curvature_index])[:, None]
         np.testing.assert_allclose(left.sh_coeffs[:2, 0], splats.sh_coeffs[:2, 0] + average / C0, rtol=1e-5)
@@ -219,7 +226,7 @@ def test_without_them_all_else_stays(element):
             np.testing.assert_array_equal(getattr(left, name), getattr(splats, name))
             assert not np.shares_memory(getattr(left, name), getattr(splats, name))
     plain = splats.plain()
-    assert [getattr(plain, f"n_{each}") for each in ROWS] == [4, 2, 3, 3] and plain.n_dog == 0
+    assert [getattr(plain, f"n_{each}") for each in ROWS] == [4, 2, 3, 3, 2] and plain.n_dog == 0
 
 
 def test_a_primitive_is_cut_if_either_plane_cuts_it_off():
@@ -228,7 +235,7 @@ def test_a_primitive_is_cut_if_either_plane_cuts_it_off():
 
 
 def test_kinds_are_counted_in_words_and_nothing_is_said_of_what_is_not_there():
-    all_kinds = "3 of them DoG, 4 with slopes, 2 with curvatures, 3 with a cut, 3 with a second cut"
+    all_kinds = "3 of them DoG, 4 with slopes, 2 with curvatures, 3 with a cut, 3 with a second cut, 2 with shifts"
     assert kinds_of(model_of_all()) == all_kinds
     assert kinds_of(model("second_cuts", dog_index=())) == "0 of them DoG, 4 with a second cut"
     assert kinds({"n_cuts": 0, "n_second_cuts": 1234}) == "\u2013 of them DoG, 0 with a cut, 1,234 with a second cut"
@@ -276,7 +283,7 @@ def moved_by(name: str, splats: Splats) -> tuple[Splats, np.ndarray, np.ndarray]
     (with_curvatures, curvature_brightness, 2e-4),
     (with_cuts, kept_shares, 1e-3),  # normals are some ten times longer
     (with_second_cuts, partial(kept_shares, plane=SECOND_CUTS), 1e-3),
-], ids=ROWS)  # fmt: skip
+], ids=["slopes", "curvatures", "cuts", "second_cuts"])  # fmt: skip
 def test_a_place_shows_what_it_did_before_it_was_moved(name, with_rows, shown_at, atol):
     splats = with_rows(splats_in_view(60))
     splats.log_scales[::3, 1] = -6  # flat ones
