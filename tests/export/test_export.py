@@ -169,7 +169,7 @@ def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_pat
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.obj"), "out.obj", ".spz")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--dog", "keep"), "--dog", "bake")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--views", "-1"), "--views")
-    refusals = {("--refine", "-1"): "out of range", ("--refine", "9", "--dog", "keep"): "no DoG, slopes, curvatures or"}
+    refusals = {("--refine", "-1"): "out of range", ("--refine", "9", "--dog", "keep"): "curvatures, cuts or shifts"}
     for flags, problem in refusals.items():
         assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.ply", *flags), "--refine", problem)
     assert_one_line(run(capsys, "export", tmp_path / "no.ply", "-o", tmp_path / "out.spz"), "no.ply")

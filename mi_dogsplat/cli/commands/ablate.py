@@ -17,13 +17,13 @@ Examples:
   dogsplat ablate photos/ -o ablation --steps 7000 --downscale 2 --max-primitives 40000 --seeds 3
                                                        one more seed in the same table
 3dgs is the baseline at 100 %; v1, v2, v3 and full add a part of the paper's method each; released is the
-authors' code; ours is the preset ours, ours_gaussian the same without DoG, ours_slopes with colours that
-vary over primitives, ours_cuts with planes that cut them off, too, ours_preconditioned with preconditioned
-steps as well, ours_second_cuts with a second plane for each primitive, ours_curvatures with a brightness that
-curves over it, and ours_shifts with places that depend on the view. All of a seed go on from one start, at the
-end of densification, and end with the same number of steps. DIR is filled as by dogsplat compare, of which
-these are methods: DIR/comparison.html has the table, and each variant is a run folder under DIR/DATA/seed_N/.
-What is complete is not repeated.
+authors' code; ours is the preset ours, ours_gaussian the same without DoG, ours_slopes with colours that vary
+over primitives, ours_cuts with planes that cut them off, too, ours_preconditioned with preconditioned steps
+as well, ours_second_cuts with a second plane for each primitive, ours_curvatures with a brightness that
+curves over it, and ours_shifts with places that depend on the view. All of a seed go on from one start, at
+the end of densification, and end with the same number of steps. DIR is filled as by dogsplat compare, of
+which these are methods: DIR/comparison.html has the table, and each variant is a run folder under
+DIR/DATA/seed_N/. What is complete is not repeated.
 """
 
 

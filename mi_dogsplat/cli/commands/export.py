@@ -34,12 +34,12 @@ Examples:
 MODEL may have any of these formats. Those that know no negative lobes get the Gaussian nearest to a DoG
 primitive, or its primary (--dog drop), mean colours where a colour varies over its primitive, the whole
 primitive nearest to one that a plane cuts off, and mean places where these depend on the view; --dog keep,
---slopes keep, --cuts keep and --shifts keep are for .ply and .compressed.ply. The model is then refined on the
-photographs of --data, or on renders, 10 to 100 ms a step on a CPU (--refine 0: not at all). The file is read
-back, and the loss of each stage is printed. .glb and .gltf are upright and in metres, as far as the model says
-(--up, --scale); .spz has y up if that of the model is -y. The others have the axes of the model; --upright
-turns and scales the model itself. A page (.html, 0.8 MB and the model) needs a browser and no network, and
-opens with the first photograph of the data.
+--slopes keep, --cuts keep and --shifts keep are for .ply and .compressed.ply. The model is then refined on
+the photographs of --data, or on renders, 10 to 100 ms a step on a CPU (--refine 0: not at all). The file is
+read back, and the loss of each stage is printed. .glb and .gltf are upright and in metres, as far as the
+model says (--up, --scale); .spz has y up if that of the model is -y. The others have the axes of the model;
+--upright turns and scales the model itself. A page (.html, 0.8 MB and the model) needs a browser and no
+network, and opens with the first photograph of the data.
 """
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
