@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..scene.row_groups import CURVATURES, PLANES, SHIFTS, SLOPES
+from .directions import directions
 from .forward import RAW_PARAMETERS
 from .mixed_sh import padded_sh, unpadded_sh
 from .own_axes import index_of, values_of
@@ -156,9 +157,8 @@ def _kernel_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conic
 def _colors_backward(means: np.ndarray, sh: np.ndarray, camera: Camera,
                      δcolors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """δmeans [n, 3] and δsh [n, K, 3] of colours that are not clamped: dirs = means - camera, normalised."""
-    offsets = means - camera.position
-    distances = np.linalg.norm(offsets, axis=1, keepdims=True)
-    dirs, degree = offsets / distances, int(np.sqrt(sh.shape[1])) - 1
+    dirs, distances = directions(means - camera.position)
+    degree = int(np.sqrt(sh.shape[1])) - 1
     δbasis = np.einsum("nkc,nc->nk", sh, δcolors)
     δdirs = np.empty_like(dirs)
     for axis, step in enumerate(0.5 * np.eye(3)):

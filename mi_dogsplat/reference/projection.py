@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..scene.row_groups import CURVATURES, OWN_AXES, PLANES, SHIFTS, SLOPES
+from .directions import directions
 from .mixed_sh import padded_sh
 from .own_axes import arrays_of, index_of, largest_kept, no_steeper, quadratic_forms, values_of
 from .quaternions import rotations
@@ -163,8 +164,7 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
     pseudo_opacities[i] = f_a * raw_opacities[i] * (pseudo_factor if antialiased else 1)
     dog[i] = True
 
-    dirs = means + W.T @ t  # from the camera centre -W^T t, world space
-    dirs /= np.linalg.norm(dirs, axis=1, keepdims=True)
+    dirs, _ = directions(means + W.T @ t)  # from the camera centre -W^T t, world space
     basis = sh_basis(dirs, degree)  # [N, K]
     sh = sh[:, :basis.shape[1]]
     colors = np.maximum(0, np.einsum("nk,nkc->nc", basis, sh) + 0.5)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..scene.row_groups import SHIFTS
+from .directions import directions
 from .own_axes import arrays_of, index_of
 from .quaternions import rotations
 
@@ -67,9 +68,8 @@ def shifts_backward(splats: Splats, camera: Camera, rows: np.ndarray,
 
 def _parts(splats: Splats, camera: Camera, i: np.ndarray, mean_views: np.ndarray) -> tuple[np.ndarray, ...]:
     """v [v, 3], the distances [v, 1], e [v, 3], R [v, 3, 3] and scales [v, 3] of the primitives i [v]."""
-    offsets = np.asarray(splats.means, np.float64)[i] - camera.position
-    distances = np.linalg.norm(offsets, axis=1, keepdims=True)
-    v, (R, scales) = offsets / distances, _axes(splats, i)
+    v, distances = directions(np.asarray(splats.means, np.float64)[i] - camera.position)
+    R, scales = _axes(splats, i)
     return v, distances, np.einsum("nxa,nx->na", R, v) - mean_views, R, scales
 
 

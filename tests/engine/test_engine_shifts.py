@@ -22,6 +22,7 @@ from splat_scenes import (
     attached,
     image_of,
     kernels,
+    make_camera,
     options,
     random_splats,
     rasterized,
@@ -37,9 +38,9 @@ def model(n=30, seed=2, degree=2, **others: Any) -> Splats:
     return rounded(random_splats(n, seed, degree, shift_share=0.6, **others))
 
 
-def gradients(splats: Splats, adjoint: np.ndarray, **others) -> dict[str, np.ndarray]:
+def gradients(splats: Splats, adjoint: np.ndarray, camera=CAMERA, **others) -> dict[str, np.ndarray]:
     params = attached(splats)
-    frame = rasterize(params, DeviceCamera.upload(CAMERA), options(splats, **others))
+    frame = rasterize(params, DeviceCamera.upload(camera), options(splats, **others))
     planes = [mi.Float(plane.ravel().astype(np.float32)) for plane in np.moveaxis(adjoint, -1, 0)]
     backward(frame.colors, planes)
     names = [name for name, value in params.items() if dr.grad_enabled(value)]
@@ -101,13 +102,22 @@ def test_what_cannot_be_drawn_is_not_and_harms_nobody():
     assert all(not values[:4].any() for name, values in got.items() if len(values) == 8)
 
 
-def test_one_on_the_camera_centre_is_not_drawn_and_has_no_gradient():
+def test_one_that_is_stored_on_the_camera_centre_is_where_no_view_has_moved_it():
+    """It has no direction, which counts as zero, in the engine as in the twin."""
+    camera = make_camera(40, 30, 36.0)
     splats = with_shifts(random_splats(4, seed=4, degree=1), every=1)
-    splats.means[2] = CAMERA.position
-    assert not project(upload(splats), DeviceCamera.upload(CAMERA, near_clip=0.0), sh_degree=1).visible.numpy()[2]
-    found = gradients(splats, np.ones((30, 40, 3)))
-    assert all(np.isfinite(values).all() for values in found.values())
-    assert not found["means"][2].any() and not found["view_shifts"][2].any()
+    splats.means[2], splats.view_shifts[2] = 0, 30 * splats.view_shifts[2]
+    if reference.project(splats, camera).depths[2] <= 0:
+        splats.mean_views[2] *= -1
+    expected = reference.project(splats, camera)
+    found = project(upload(splats), DeviceCamera.upload(camera), sh_degree=1)
+    assert expected.visible[2] and found.visible.numpy()[2]
+    np.testing.assert_allclose(found.depth.numpy(), expected.depths, rtol=1e-5)
+    adjoint = np.ones((30, 40, 3))
+    got = gradients(splats, adjoint, camera, cutoffs=SMOOTH)
+    twin = gradients_tiled(splats, camera, adjoint, min_alpha=0.0, min_transmittance=0.0)
+    assert all(np.isfinite(values).all() for values in got.values())
+    assert_gradients_equal({"view_shifts": got["view_shifts"]}, {"view_shifts": twin["view_shifts"]})
 
 
 def test_a_row_of_zeros_changes_no_bit_and_no_other_primitive():

@@ -12,15 +12,18 @@ from mi_dogsplat.training.presets import GIVEN, RECIPES, Recipe
 from mi_dogsplat.training.strategy.cut_activation import CutRule
 from mi_dogsplat.training.strategy.densify import Densification
 from mi_dogsplat.training.strategy.scheduler import PruningRule
+from mi_dogsplat.training.strategy.shift_activation import ShiftRule
 from mi_dogsplat.training.strategy.sieve import Sieve
 from mi_dogsplat.training.strategy.slope_activation import SlopeRule
 
+EXTENSIONS = ["ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "ours_curvatures",
+              "ours_shifts"]  # fmt: skip
+"""Each adds to the one before it."""
 PRUNING = [name for name, recipe in RECIPES.items() if recipe.pruning]
 
 
 def test_the_presets_are_those_of_the_interface_and_of_its_extensions_and_the_default_is_ours():
-    extensions = ["ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "ours_curvatures"]
-    assert list(RECIPES) == ["ours", *extensions, "paper", "released", "3dgs"]
+    assert list(RECIPES) == [*EXTENSIONS, "paper", "released", "3dgs"]
     assert TrainConfig("data").preset == "ours"
 
 
@@ -31,13 +34,13 @@ def test_the_baseline_neither_prunes_nor_knows_dog():
 def test_slopes_come_with_dog_and_are_all_that_is_added_to_ours():
     ours, sloped = RECIPES["ours"], RECIPES["ours_slopes"]
     assert ours.dog and sloped == dataclasses.replace(ours, slopes=SlopeRule(start=ours.dog.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == list(RECIPES)[1:6]
+    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == EXTENSIONS[1:]
 
 
 def test_cuts_come_with_slopes_and_are_all_that_is_added_to_them():
     sloped, cut = RECIPES["ours_slopes"], RECIPES["ours_cuts"]
     assert sloped.slopes and cut == dataclasses.replace(sloped, cuts=CutRule(start=sloped.slopes.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == list(RECIPES)[2:6]
+    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == EXTENSIONS[2:]
     for recipe in (cut.scaled(7000), cut.from_pruning(), cut.from_pruning().scaled(350)):
         assert recipe.slopes and recipe.cuts and recipe.dog
         assert recipe.slopes.start == recipe.cuts.start == recipe.dog.start
@@ -47,7 +50,7 @@ def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_
     cut, preconditioned = RECIPES["ours_cuts"], RECIPES["ours_preconditioned"]
     rule = preconditioned.preconditioning
     assert rule and dataclasses.replace(cut, preconditioning=rule) == preconditioned
-    assert [name for name, recipe in RECIPES.items() if recipe.preconditioning] == list(RECIPES)[3:6]
+    assert [name for name, recipe in RECIPES.items() if recipe.preconditioning] == EXTENSIONS[3:]
     for recipe in (preconditioned, preconditioned.scaled(7000), preconditioned.from_pruning()):
         assert recipe.preconditioning and recipe.dog
         after = recipe.preconditioning.start - (recipe.first_step + recipe.dog.start)
@@ -57,7 +60,7 @@ def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_
 def test_second_cuts_come_with_cuts_and_are_all_that_is_added_to_preconditioned_steps():
     preconditioned, twice = RECIPES["ours_preconditioned"], RECIPES["ours_second_cuts"]
     assert preconditioned.cuts and twice == dataclasses.replace(preconditioned, second_cuts=preconditioned.cuts)
-    assert [name for name, recipe in RECIPES.items() if recipe.second_cuts] == list(RECIPES)[4:6]
+    assert [name for name, recipe in RECIPES.items() if recipe.second_cuts] == EXTENSIONS[4:]
     for recipe in (twice.scaled(7000), twice.from_pruning(), twice.from_pruning().scaled(350)):
         assert recipe.cuts and recipe.second_cuts == recipe.cuts
 
@@ -65,17 +68,25 @@ def test_second_cuts_come_with_cuts_and_are_all_that_is_added_to_preconditioned_
 def test_curvatures_come_with_slopes_and_are_all_that_is_added_to_second_cuts():
     twice, curved = RECIPES["ours_second_cuts"], RECIPES["ours_curvatures"]
     assert twice.slopes and curved == dataclasses.replace(twice, curvatures=twice.slopes)
-    assert [name for name, recipe in RECIPES.items() if recipe.curvatures] == ["ours_curvatures"]
+    assert [name for name, recipe in RECIPES.items() if recipe.curvatures] == EXTENSIONS[5:]
     for recipe in (curved.scaled(7000), curved.from_pruning(), curved.from_pruning().scaled(350)):
         assert recipe.slopes and recipe.curvatures == recipe.slopes
 
 
+def test_shifts_come_with_slopes_and_are_all_that_is_added_to_curvatures():
+    curved, shifted = RECIPES["ours_curvatures"], RECIPES["ours_shifts"]
+    assert curved.slopes and shifted == dataclasses.replace(curved, shifts=ShiftRule(curved.slopes.start))
+    assert [name for name, recipe in RECIPES.items() if recipe.shifts] == EXTENSIONS[6:]
+    for recipe in (shifted.scaled(7000), shifted.from_pruning(), shifted.from_pruning().scaled(350)):
+        assert recipe.slopes and recipe.shifts and recipe.shifts.start == recipe.slopes.start
+
+
 def test_rows_are_given_in_their_order_and_each_kind_is_looked_at_in_the_end():
-    assert list(GIVEN) == ["slopes", "curvatures", "cuts", "second_cuts"]
-    names = [part.name for part in RECIPES["ours_curvatures"].strategies(Sieve())]
-    assert names[-4:] == ["slopeactivation", "curvatureactivation", "cutactivation", "secondcutactivation"]
-    controls = [name for name in names if name.endswith("control")]
-    assert controls == ["dogcontrol", "slopecontrol", "curvaturecontrol", "cutcontrol", "secondcutcontrol"]
+    assert list(GIVEN) == ["slopes", "curvatures", "cuts", "second_cuts", "shifts"]
+    names = [part.name for part in RECIPES["ours_shifts"].strategies(Sieve())]
+    every = "slope", "curvature", "cut", "secondcut", "shift"
+    assert names[-5:] == [f"{kind}activation" for kind in every]
+    assert [name for name in names if name.endswith("control")] == [f"{kind}control" for kind in ("dog", *every)]
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -93,6 +104,7 @@ def test_what_ply_alone_holds_is_named():
     assert given == {
         "ours_slopes": "slopes", "ours_cuts": both, "ours_preconditioned": both, "ours_second_cuts": twice,
         "ours_curvatures": "slopes, curvatures, cuts and second cuts",
+        "ours_shifts": "slopes, curvatures, cuts, second cuts and shifts",
     }  # fmt: skip
 
 
