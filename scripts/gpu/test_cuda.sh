@@ -26,7 +26,7 @@ done
 #   constructor of an environment emitter ends the process;
 # - what computes nothing on a device, such as files, cameras and reports, and what is built of the parts tested here.
 tests=(tests/scores tests/training tests/tracing)
-for name in ellipsoids mitsuba_internals mixed_shape sensor_kinds shape_dog shape_own_axes splat_lamps surfaces; do
+for name in ellipsoids mitsuba_internals mixed_shape sensor_kinds shape_dog shape_own_axes shape_shifts splat_lamps surfaces; do
     tests+=("tests/plugin/test_$name.py")
 done
 for file in tests/engine/test_*.py; do
