@@ -24,7 +24,7 @@ from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
 
 STEPS = 60
-PRESETS = ("3dgs", "ours", "ours_curvatures", "released")
+PRESETS = ("3dgs", "ours", "ours_shifts", "released")
 """The third has all that the presets between give to primitives, and preconditioned steps."""
 
 
@@ -77,8 +77,8 @@ def whole(data, tmp_path_factory) -> dict[str, Path]:
         run.train(config_of(data, preset=preset), folder)
     rows = history_of(folders["ours"])
     assert all(records(rows, kind) for kind in ("densified", "pruned", "dog_activated"))
-    rows = history_of(folders["ours_curvatures"])
-    for word in ("dog", "slopes", "curvatures", "cuts", "second_cuts"):
+    rows = history_of(folders["ours_shifts"])
+    for word in ("dog", "slopes", "curvatures", "cuts", "second_cuts", "shifts"):
         assert records(rows, f"{word}_activated")[0]["count"] > 0
     return folders
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, DOG, PLANES, SLOPES
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, DOG, PLANES, SHIFTS, SLOPES
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.footprint import MARGIN, PER_FLOAT, PER_PRIMITIVE, PER_PRODUCT
 from mi_dogsplat.training.strategy.row_activation import give_rows
@@ -20,6 +20,7 @@ PLAIN = 14 + 12  # floats of a primitive at SH degree 1
         ("ours_preconditioned", (DOG, SLOPES, CUTS), 16, 21),
         ("ours_second_cuts", (DOG, SLOPES, *PLANES), 19, 24),
         ("ours_curvatures", (DOG, SLOPES, CURVATURES, *PLANES), 25, 24),
+        ("ours_shifts", (DOG, SLOPES, CURVATURES, *PLANES, SHIFTS), 37, 24),
     ],
 )
 def test_pairs_get_what_the_primitives_there_are_leave_whatever_the_target(

@@ -23,7 +23,7 @@ def test_methods_of_a_comparison_have_them_too(name):
     assert not recipe_of_run(TrainConfig("data"), METHODS[name].recipe).preconditioning
 
 
-@pytest.mark.parametrize("name", ["ours_preconditioned", "ours_second_cuts", "ours_curvatures"])
+@pytest.mark.parametrize("name", ["ours_preconditioned", "ours_second_cuts", "ours_curvatures", "ours_shifts"])
 def test_a_preset_that_has_them_keeps_its_own(name):
     recipe = RECIPES[name]
     ours = [recipe_of_run(TrainConfig("data", preconditioned=p), recipe).preconditioning for p in (False, True)]
