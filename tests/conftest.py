@@ -4,6 +4,7 @@ Before both comes what decides how many threads they start.
 """
 
 import os
+import signal
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,10 +30,14 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_configure() -> None:
-    """As many threads as a process has cores: threads that wait spin, and two on one core take twice as long as one."""
+    """As many threads as a process has cores: threads that wait spin, and two on one core take twice as long as one.
+
+    Ctrl-C interrupts, which tests press: a shell lets what it runs in the background ignore it.
+    """
     import drjit as dr
 
     dr.set_thread_count(max(1, dr.thread_count() // max(1, WORKERS)))
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
