@@ -73,7 +73,7 @@ def _shifted(shifts: NDArray, linear: NDArray, along: NDArray, before: NDArray, 
     """Shifts [N, 4 or 0, 3] of primitives with the axes R' ``after`` a map, which had R ``before``, both [N, 3, 3].
 
     An orthogonal T, ``along`` [N, 3, 3], takes their moves to the new axes. A view v' along these is D v' along the old
-    ones, D = Rᵀ K R' with the matrix K of ``view_projection``. So A becomes T A D, and the view u becomes D⁻¹ u.
+    ones, D = Rᵀ K R' with the matrix K of ``view_projection``. So A becomes T A D, and the mean view v̄ becomes D⁻¹ v̄.
     """
     if not shifts.shape[1]:
         return shifts

@@ -66,7 +66,7 @@ class Model:
     has_second_cuts: NDArray[np.bool_]  # [N]
     second_cut_normals: Array  # [N, 3] or [N, 0], as of the others
     has_shifts: NDArray[np.bool_]  # [N]
-    shifts: Array  # [N, 4, 3] rows of A, and the view u: seen along v it moves by A (Rᵀ v - u), in standard deviations
+    shifts: Array  # [N, 4, 3] A, and the mean view v̄: seen along v it moves by A (Rᵀ v - v̄), in standard deviations
 
     @property
     def n_splats(self) -> int:

@@ -9,9 +9,10 @@ import numpy as np
 
 from ..scene.cameras import Camera
 from ..scene.quaternions import rotation_from_quaternion
-from ..scene.row_groups import BESIDE_COLORS, OWN_AXES, SHIFTS
+from ..scene.row_groups import OWN_AXES, SHIFTS
 from ..scene.sh_basis import C0
-from ..scene.splats import DENSE, Splats
+from ..scene.shifts import mean_views
+from ..scene.splats import Splats
 
 WIDTH, HEIGHT, FOCAL = 48, 40, 45.0
 SCALES = (0.2, 0.3, 0.45)
@@ -71,9 +72,7 @@ def _own_axes(index: np.ndarray, *given: Any) -> dict[str, np.ndarray]:
 
 def own_views(splats: Splats) -> np.ndarray:
     """[N, 3] from where ``camera()`` sees the primitives, along their own axes."""
-    views = splats.means.astype(float)
-    views /= np.linalg.norm(views, axis=1, keepdims=True)
-    return np.einsum("nxa,nx->na", rotation_from_quaternion(splats.quats), views)
+    return mean_views(splats.means, splats.quats, camera().position[None])
 
 
 def moved(splats: Splats, way: Any) -> Splats:
@@ -104,18 +103,7 @@ def bystanders(
     scales = 0.25 * np.exp(rng.normal(0, 0.4, (12, 3)))
     color, quats = rng.uniform(0.1, 1, (12, 3)), rng.normal(size=(12, 4))
     plain = primitives(means[:9], scales[:9], rng.uniform(0.2, 0.9, 9), quats[:9], color[:9])
-    splats = together(plain, primitives(means[9:], scales[9:], 0.7, quats[9:], color[9:], dog=True))
+    splats = plain.joined(primitives(means[9:], scales[9:], 0.7, quats[9:], color[9:], dog=True))
     six = np.arange(0, 12, 2)
     rows = _own_axes(six, slopes, curvatures, normals, second_normals) | _shifts(six, shifts, VIEW_OF_ONE)
     return replace(splats, **rows)
-
-
-def together(*parts: Splats) -> Splats:
-    """Several models as one."""
-    first = np.cumsum([0, *(p.n_splats for p in parts[:-1])])
-    names = [*DENSE, *(name for group in BESIDE_COLORS for name in group.names)]
-    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
-    for group in BESIDE_COLORS:
-        indices = [getattr(p, group.index).astype(np.int64) + k for p, k in zip(parts, first, strict=True)]
-        joined[group.index] = np.concatenate(indices)
-    return Splats(**joined)

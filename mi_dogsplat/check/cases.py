@@ -31,7 +31,6 @@ from .case_models import (
     moved,
     own_views,
     primitives,
-    together,
 )
 
 BELOW = "below 1/255 everywhere: not drawn, gradient zero"
@@ -76,7 +75,7 @@ def _case(group: str, name: str, extreme: Splats, defined: str = "", view: Camer
         SECOND_NORMAL_OF_ONE if extreme.n_second_cuts else None,
         SHIFTS_OF_ONE if extreme.n_shifts else None,
     )
-    splats = together(neighbours, extreme)
+    splats = neighbours.joined(extreme)
     rows = np.arange(neighbours.n_splats, splats.n_splats)
     return Case(group, name, splats, view or camera(), rows, defined, **settings)
 
@@ -292,12 +291,12 @@ def _cameras() -> Iterator[Case]:
         yield _case("camera", f"field of view {degrees} degrees", ordinary, view=camera(focal=focal))
     for distance in (1e3, 1e6):
         centre = distance * np.array([0.6, -0.64, 0.48])
-        far = together(bystanders(), ordinary)
+        far = bystanders().joined(ordinary)
         far = replace(far, means=far.means.astype(float) + centre)
         rows = np.array([far.n_splats - 1])
         yield Case("camera", f"scene {distance:g} from the origin", far, camera(centre=centre), rows)
     for unit in (1e-9, 1e-6, 1e6, 1e9):
-        scaled = together(bystanders(), ordinary)
+        scaled = bystanders().joined(ordinary)
         means, log_scales = scaled.means.astype(float) * unit, scaled.log_scales + np.log(unit)
         scaled, rows = replace(scaled, means=means, log_scales=log_scales), np.array([scaled.n_splats - 1])
         yield Case("camera", f"scene units of {unit:g}", scaled, camera(), rows, near_clip=0.2 * unit)

@@ -19,9 +19,10 @@ import numpy as np
 
 from ..engine.geometry import Cutoffs
 from ..scene.cuts import LARGEST
+from ..scene.finite import finite_in, finite_rows
 from ..scene.opacity import sigmoid
 from ..scene.ply import rows_save
-from ..scene.row_groups import CURVATURES, CUTS, DOG, OWN_AXES, PLANES, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
+from ..scene.row_groups import BESIDE_DOG, CURVATURES, CUTS, DOG, PLANES, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
 from ..scene.splats import Array, Splats
 from ..support.wording import count, file_size
 
@@ -146,13 +147,7 @@ def largest_alphas(splats: Splats) -> Array:
 
 def _finite(splats: Splats) -> Array:
     """[N] whether the engine takes the parameters: all are finite, but opacities may be those of ±∞."""
-    dense = (splats.means, splats.log_scales, splats.quats, splats.sh_coeffs)
-    finite = ~np.isnan(splats.logit_opacities)
-    for values in dense:
-        finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
-    finite[splats.dog_index] &= np.isfinite(splats.dog_log_scales).all(axis=1) & ~np.isnan(splats.dog_logit_opacities)
-    for group in (*OWN_AXES, SHIFTS, *SH.values()):
-        for name in group.names:
-            values = getattr(splats, name)
-            finite[getattr(splats, group.index)] &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    finite = finite_rows(splats.means, splats.log_scales, splats.quats, splats.sh_coeffs)
+    finite &= ~np.isnan(splats.logit_opacities) & finite_in(splats, (*BESIDE_DOG, *SH.values()))
+    finite[splats.dog_index] &= finite_rows(splats.dog_log_scales) & ~np.isnan(splats.dog_logit_opacities)
     return finite

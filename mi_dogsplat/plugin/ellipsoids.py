@@ -13,7 +13,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..formats.model import Model
-from ..scene.row_groups import BESIDE_COLORS, DOG
+from ..scene.finite import finite_in, finite_rows
+from ..scene.row_groups import BESIDE_DOG
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..scene.whole import whole
@@ -78,14 +79,8 @@ def to_ellipsoids(
 
 def _drawn(splats: Splats) -> np.ndarray:
     """[N] whether a primitive shows at all; a positive part may, though its pseudo-Gaussian is broken."""
-    finite = np.isfinite(splats.opacities) & (splats.opacities >= MIN_OPACITY)
-    for values in (splats.means, splats.scales, splats.quats, splats.uniform_sh().sh_coeffs):
-        finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
-    for group in (group for group in BESIDE_COLORS if group is not DOG):
-        for name in group.names:
-            values = getattr(splats, name)
-            finite[getattr(splats, group.index)] &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
-    return finite
+    finite = finite_rows(splats.opacities, splats.means, splats.scales, splats.quats, splats.uniform_sh().sh_coeffs)
+    return finite & (splats.opacities >= MIN_OPACITY) & finite_in(splats, BESIDE_DOG)
 
 
 def _unit(quats: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from ..scene.row_groups import OWN_AXES, SHIFTS
+from ..scene.row_groups import BESIDE_DOG
 from .mixed_sh import group_names, sh_groups
 from .own_axes import index_of, kept, names_of_rows
 from .projection import MIN_ALPHA, Projection, project
@@ -49,7 +49,7 @@ def raw_names(splats: Splats) -> tuple[str, ...]:
 def raw_indices(splats: Splats) -> dict[str, np.ndarray]:
     """The primitives of those that only some primitives have."""
     of_degrees = {f"sh{degree}_index": index for degree, index in sh_groups(splats).items()}
-    return {"dog_index": splats.dog_index} | {g.index: index_of(splats, g) for g in (*OWN_AXES, SHIFTS)} | of_degrees
+    return {"dog_index": splats.dog_index} | {g.index: index_of(splats, g) for g in BESIDE_DOG} | of_degrees
 
 
 def depth_order(projection: Projection) -> np.ndarray:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..scene.cuts import OFFSET, STEEPEST
-from ..scene.row_groups import OWN_AXES, SHIFTS, RowGroup
+from ..scene.row_groups import BESIDE_DOG, RowGroup
 
 if TYPE_CHECKING:
     from ..scene.splats import Splats
@@ -53,7 +53,7 @@ def quadratic_forms(rows: np.ndarray) -> np.ndarray:
 
 def names_of_rows(splats: Splats) -> tuple[str, ...]:
     """Names of the arrays that there are: of slopes, curvatures, cuts and shifts."""
-    return tuple(name for group in (*OWN_AXES, SHIFTS) for name in group.names if len(index_of(splats, group)))
+    return tuple(name for group in BESIDE_DOG for name in group.names if len(index_of(splats, group)))
 
 
 def kept(along_normal: np.ndarray) -> np.ndarray:

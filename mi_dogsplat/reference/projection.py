@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scene.row_groups import CURVATURES, OWN_AXES, PLANES, SHIFTS, SLOPES
+from ..scene.row_groups import BESIDE_DOG, CURVATURES, PLANES, SLOPES
 from .directions import directions
 from .mixed_sh import padded_sh
 from .own_axes import arrays_of, index_of, largest_kept, no_steeper, quadratic_forms, values_of
@@ -119,7 +119,7 @@ def _finite_parameters(splats: Splats, sh: np.ndarray) -> np.ndarray:
     finite &= ~np.isnan(splats.logit_opacities)
     dog = np.asarray(splats.dog_index, np.int64)
     finite[dog] &= np.isfinite(splats.dog_log_scales).all(1) & ~np.isnan(splats.dog_logit_opacities)
-    for group in (*OWN_AXES, SHIFTS):
+    for group in BESIDE_DOG:
         finite[index_of(splats, group)] &= _finite_rows(*arrays_of(splats, group))
     return finite
 

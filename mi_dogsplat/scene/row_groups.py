@@ -55,7 +55,9 @@ SH = {
 }
 OWN_AXES = (SLOPES, CURVATURES, *PLANES)
 """What is told along the primitives' own axes."""
-BESIDE_COLORS = (DOG, *OWN_AXES, SHIFTS)
+BESIDE_DOG = (*OWN_AXES, SHIFTS)
+"""What primitives may have besides, be they DoG or not, but for view-dependent colour."""
+BESIDE_COLORS = (DOG, *BESIDE_DOG)
 """All but those of view-dependent colour."""
 GROUPS = (*BESIDE_COLORS, *SH.values())
 ALONG_AXES = {name: group for group in (SLOPES, *PLANES) for name in group.names}

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.check.case_models import together
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
@@ -19,7 +18,7 @@ def pair(gap: float) -> Splats:
     """Two wide primitives beside each other, the right one farther by ``gap``: a turn of asin(5 gap) swaps them."""
     left, right = primitive(0.4, logit=0.5), primitive(0.4, logit=1.0)
     left.means[:], right.means[:] = (-0.1, 0, 3), (0.1, 0, 3 + gap)
-    model = together(left, right)
+    model = left.joined(right)
     model.sh_coeffs[:, 0] = (COLORS - 0.5) / 0.28209479
     return model
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mi_dogsplat.check import stability
-from mi_dogsplat.check.case_models import bystanders, camera, primitives, together
+from mi_dogsplat.check.case_models import bystanders, camera, primitives
 from mi_dogsplat.check.cases import Case, cases
 from mi_dogsplat.check.rows import rows_of
 from mi_dogsplat.check.stability import GRADIENT_TOLERANCE, IMAGE_TOLERANCE, answer, measure
@@ -155,6 +155,6 @@ def test_a_pixel_on_the_edge_of_a_cutoff_has_no_weight_and_the_others_have():
     for sign in (1, -1):
         splats = primitives((0, 0, 3), (0.2, 0.2, 0.2), opacity=(1 + sign * 5e-7) / 255)
         view = replace(camera(), cx=24.5, cy=20.5)
-        case = Case("opacity", "on the edge", together(bystanders(), splats), view, np.array([12]))
+        case = Case("opacity", "on the edge", bystanders().joined(splats), view, np.array([12]))
         row = measure(case)
         assert row["undecided"] == 1 / (view.width * view.height) and row["verdict"] == "right"

@@ -10,7 +10,7 @@ from mi_dogsplat.check.work_precision import Job, adjoint, measure, on_all_rows,
 from mi_dogsplat.engine.geometry import SMOOTH, Cutoffs
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.reference.forward import RAW_PARAMETERS, raw_names
-from mi_dogsplat.scene.row_groups import OWN_AXES, SHIFTS
+from mi_dogsplat.scene.row_groups import BESIDE_DOG
 from splat_scenes import make_camera, make_splats, random_splats, rounded
 
 KNOBS = {  # a few points of each curve: every setting is a kernel to compile
@@ -191,7 +191,7 @@ def test_primitives_that_are_left_out_have_the_gradient_zero():
     model = Model.of(splats.select(kept), kept)
     gradients = {name: rng.normal(size=getattr(model.splats, name).shape) for name in raw_names(splats)}
     whole = on_all_rows({name: values.ravel() for name, values in gradients.items()}, model, splats)
-    assert set(whole) == {*RAW_PARAMETERS, *(name for group in (*OWN_AXES, SHIFTS) for name in group.names)}
+    assert set(whole) == {*RAW_PARAMETERS, *(name for group in BESIDE_DOG for name in group.names)}
     for name, values in whole.items():
         left = np.isin(rows_of(splats, name), kept)
         assert 0 < left.sum() < len(left) and values.shape == getattr(splats, name).shape

@@ -3,13 +3,15 @@
 from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.engine.parameters import device_array, upload
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, device_array, upload
 from mi_dogsplat.reference.rays import RayMeetings, meet
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.tracer import SplatTracer
+from splat_scenes import attached, kernels
 
 MARGIN = 1e-4  # relative, of alphas to the cutoff and of transmittances to theirs: nearer ones may fall on either side
 
@@ -72,3 +74,16 @@ def decided(splats: Splats, rays: RaySet, **options) -> np.ndarray:
         hidden = np.maximum(hidden, 0)
     T = np.cumprod(1 - hidden, axis=1)
     return ~near & (np.abs(T / 1e-4 - 1).min(axis=1) > MARGIN)
+
+
+def kernels_of_tracing(splats: Splats, rays: RaySet) -> set[str]:
+    """Hashes of the kernels that colours, transmittances and the gradients of what all primitives have take."""
+
+    def run() -> None:
+        params = attached(splats)
+        colors, T = SplatTracer(params, TraceOptions(1)).gather(rays.ray)
+        dr.backward(dr.sum(sum(colors) + T))
+        dr.eval([dr.grad(params[name]) for name in (*RAW, *RAW_DOG)])
+
+    run()
+    return kernels(run)

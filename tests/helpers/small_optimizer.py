@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from launches import KernelWatch
-from mi_dogsplat.scene.row_groups import OWN_AXES, SHIFTS
+from mi_dogsplat.scene.row_groups import BESIDE_DOG
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
@@ -27,7 +27,7 @@ def random_model(
         np.array(dog_index, np.uint32), rng.normal(size=m), rng.normal(size=(m, 3)),
     )  # fmt: skip
     arrays: dict[str, np.ndarray] = {}
-    for group in (*OWN_AXES, SHIFTS):
+    for group in BESIDE_DOG:
         arrays[group.index] = index = np.array((rows or {}).get(group.index, ()), np.uint32)
         arrays |= {name: rng.normal(size=(len(index), *shape)) for name, shape in group.arrays.items()}
     return replace(model, **arrays)
