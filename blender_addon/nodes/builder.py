@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -132,6 +133,11 @@ class Tree:
         for socket, argument in zip(node.inputs, arguments, strict=False):
             self.plug(socket, argument)
         return [wrap(self, socket) for socket in node.outputs if socket.enabled and socket.name]
+
+    def give(self, exit_node: bpy.types.Node, values: Sequence[Any]) -> None:
+        """Connect the outputs of a group, by position."""
+        for socket, value in zip(exit_node.inputs, values, strict=False):  # the last one of the node is for a new one
+            self.plug(socket, value)
 
 
 def wrap(tree: Tree, socket: bpy.types.NodeSocket) -> Any:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import bpy
+
 from ..objects.attributes import BASE, OPACITY_FACTOR, ROTATION, SCALE, SCALE_FACTOR
-from .builder import Tree, Value, Vector
-from .groups import named_attribute
+from .builder import Tree, Value, Vector, new_group
+from .groups import GEOMETRY, cached_group, finish_group, named_attribute
 
 JACOBIAN_MARGIN = 0.15  # of the image on every side: J is evaluated at most there (the 1.3 tan(fov / 2) of 3DGS)
 
@@ -21,6 +23,12 @@ class Pose(NamedTuple):
     size: Vector
 
 
+POSE = {
+    "Location": "NodeSocketVector", "Rotation": "NodeSocketRotation", "Focal": "NodeSocketVector",
+    "Center": "NodeSocketVector", "Size": "NodeSocketVector",
+}  # fmt: skip
+
+
 def camera_pose(tree: Tree) -> tuple[Vector, Any]:
     """Location and rotation of the active camera in the world."""
     info = _object_info(tree, "GeometryNodeInputActiveCamera")
@@ -33,39 +41,65 @@ def _object_info(tree: Tree, which: str) -> Any:
     return info
 
 
-class Frame:
+class Frame(NamedTuple):
     """What a pose makes of the splats, in fields.
 
     The object may be mirrored, or scaled differently along its axes: with A from its space to the world, a step p in it
-    goes ``r · A p`` to the right, so ``right`` is Aᵀ r, and so are ``down`` and ``forward``. Depths are those of the
-    world. ``across`` and ``up`` are the steps in the space of the object that are r and -d in the world. ``direction``
-    is that in the space of the object, which the colours are for.
+    goes ``r · A p`` to the right, so ``right`` is Aᵀ r, and so are ``down`` and ``forward``. ``across`` and ``up`` are
+    the steps in the space of the object that are r and -d in the world. ``unit`` is that of the object in the world,
+    its mean along three axes. ``direction`` is that in the space of the object, which the colours are for. Depths are
+    those of the world. ``tangents`` of the viewing angles (x, y, 0) are held inside of the image and its margin.
     """
 
-    def __init__(self, tree: Tree, pose: Pose):
-        to_world = _object_info(tree, "GeometryNodeSelfObject").outputs["Transform"]
-        transposed, to_object = (tree.node(f"FunctionNode{kind}Matrix") for kind in ("Transpose", "Invert"))
-        for node in (transposed, to_object):
-            tree.plug(node.inputs[0], to_world)
-        axes = [_rotated(tree, axis, pose.rotation) for axis in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))]
-        self.right, self.down, self.forward = (
-            _transformed(tree, "Direction", axis, transposed.outputs[0]) for axis in axes
-        )
-        self.across = _transformed(tree, "Direction", axes[0], to_object.outputs[0])
-        self.up = _transformed(tree, "Direction", axes[1], to_object.outputs[0]) * -1.0
-        volume = tree.math("ABSOLUTE", self.right.dot(self.down.cross(self.forward)))
-        self.unit = tree.math("POWER", volume, 1 / 3)  # of the object in the world, its mean along three axes
-        position = Vector(tree, tree.node("GeometryNodeInputPosition").outputs[0])
-        self.direction = position - _transformed(tree, "Point", pose.location, to_object.outputs[0])
-        self.depth = self.direction.dot(self.forward)
-        self.focal = tuple(pose.focal.split()[:2])
-        self.tangents = []  # of the viewing angles, held inside of the image and its margin
-        intrinsics = zip(self.focal, pose.center.split()[:2], pose.size.split()[:2], strict=True)
-        for axis, (f, c, n) in zip((self.right, self.down), intrinsics, strict=True):
-            margin = n / f * JACOBIAN_MARGIN
-            low, high = (c / f + margin) * -1.0, (n - c) / f + margin
-            tangent = tree.math("MAXIMUM", self.direction.dot(axis) / self.depth, low)
-            self.tangents.append(tree.math("MINIMUM", tangent, high))
+    right: Vector
+    down: Vector
+    forward: Vector
+    across: Vector
+    up: Vector
+    unit: Value
+    direction: Vector
+    depth: Value
+    focal: Vector
+    tangents: Vector
+
+
+FRAME = {
+    **dict.fromkeys(("Right", "Down", "Forward", "Across", "Up"), "NodeSocketVector"), "Unit": "NodeSocketFloat",
+    "Direction": "NodeSocketVector", "Depth": "NodeSocketFloat", "Focal": "NodeSocketVector",
+    "Tangents": "NodeSocketVector",
+}  # fmt: skip
+
+
+def frame_group() -> bpy.types.NodeTree:
+    """The ``Frame`` of a ``Pose``."""
+    name = "DoG Splat frame"
+    if existing := cached_group(name):
+        return existing
+    tree, inputs, exit_node = new_group(name, GEOMETRY, POSE, FRAME)
+    pose = Pose(*inputs)
+    to_world = _object_info(tree, "GeometryNodeSelfObject").outputs["Transform"]
+    transposed, to_object = (tree.node(f"FunctionNode{kind}Matrix") for kind in ("Transpose", "Invert"))
+    for node in (transposed, to_object):
+        tree.plug(node.inputs[0], to_world)
+    axes = [_rotated(tree, axis, pose.rotation) for axis in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))]
+    right, down, forward = (_transformed(tree, "Direction", axis, transposed.outputs[0]) for axis in axes)
+    across = _transformed(tree, "Direction", axes[0], to_object.outputs[0])
+    up = _transformed(tree, "Direction", axes[1], to_object.outputs[0]) * -1.0
+    volume = tree.math("ABSOLUTE", right.dot(down.cross(forward)))
+    unit = tree.math("POWER", volume, 1 / 3)
+    position = Vector(tree, tree.node("GeometryNodeInputPosition").outputs[0])
+    direction = position - _transformed(tree, "Point", pose.location, to_object.outputs[0])
+    depth = direction.dot(forward)
+    tangents = []
+    for axis, of_axis in zip((right, down), zip(*(v.split() for v in pose[2:]), strict=True), strict=False):
+        f, c, n = of_axis
+        margin = n / f * JACOBIAN_MARGIN
+        low, high = (c / f + margin) * -1.0, (n - c) / f + margin
+        tangent = tree.math("MAXIMUM", direction.dot(axis) / depth, low)
+        tangents.append(tree.math("MINIMUM", tangent, high))
+    frame = Frame(right, down, forward, across, up, unit, direction, depth, pose.focal, tree.combine(*tangents))
+    tree.give(exit_node, frame)
+    return finish_group(tree, name)
 
 
 def _rotated(tree: Tree, axis: tuple[float, float, float], rotation: Any) -> Vector:
@@ -98,6 +132,11 @@ def opacity(tree: Tree) -> Value:
     channels = tree.node("FunctionNodeSeparateColor")
     tree.plug(channels.inputs[0], named_attribute(tree, BASE, "FLOAT_COLOR"))
     return Value(tree, channels.outputs["Alpha"])
+
+
+def mean_scale(tree: Tree) -> Value:
+    """Of a splat along its three axes."""
+    return named_attribute(tree, SCALE).dot((1 / 3, 1 / 3, 1 / 3))
 
 
 def importance(tree: Tree) -> Value:

@@ -16,16 +16,9 @@ from ..files.sh import C0
 from ..objects.attributes import BASE, CURVATURE_VECTORS, ERASE, PAINT_INDEX, SH, SLOPE_VECTORS, TINT
 from ..objects.working_space import working_matrix
 from .builder import Tree, Value, Vector, new_group, wrap
+from .color import linear_to_srgb, multiplied
 from .geometry import delete, describe, has_attribute, has_object, remove, store, switch
-from .groups import (
-    GEOMETRY,
-    attribute_socket,
-    cached_group,
-    finish_group,
-    linear_to_srgb,
-    multiplied,
-    named_attribute,
-)
+from .groups import GEOMETRY, attribute_socket, cached_group, finish_group, named_attribute
 
 NAME = "DoG Splat Paint"
 CORNERS = 4  # of the stand-in of a splat
