@@ -9,7 +9,7 @@ import bpy
 from .builder import Tree, Value, wrap
 
 
-def store(tree: Tree, geometry: Any, name: str, value: Any, kind: str = "FLOAT_VECTOR", where: Any = None) -> Any:
+def store(tree: Tree, geometry: Any, name: Any, value: Any, kind: str = "FLOAT_VECTOR", where: Any = None) -> Any:
     """The points with an attribute; where the selection is false, it stays as it is."""
     node = tree.node("GeometryNodeStoreNamedAttribute", data_type=kind, domain="POINT")
     for socket, given in (("Geometry", geometry), ("Selection", where), ("Name", name), ("Value", value)):
@@ -73,7 +73,7 @@ def choose(tree: Tree, kind: str, menu: Any, choices: dict[str, Any]) -> Any:
     return wrap(tree, node.outputs[0])
 
 
-def has_attribute(tree: Tree, geometry: Any, name: str, kind: str = "FLOAT_VECTOR") -> Any:
+def has_attribute(tree: Tree, geometry: Any, name: Any, kind: str = "FLOAT_VECTOR") -> Any:
     """Whether the points have the attribute: one value, as a switch of geometries needs it."""
     attribute = tree.node("GeometryNodeInputNamedAttribute", data_type=kind)
     tree.plug(attribute.inputs["Name"], name)

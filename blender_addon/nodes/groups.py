@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
 from .builder import Tree, Value, arrange, wrap
@@ -39,15 +41,18 @@ def finish_group(tree: Tree, name: str, space: str = "") -> bpy.types.NodeTree:
     return tree.tree
 
 
-def named_attribute(tree: Tree, name: str, kind: str = "FLOAT_VECTOR"):
-    """A Named Attribute node: a float, a vector, or the socket as it is for colours and rotations."""
+def named_attribute(tree: Tree, name: Any, kind: str = "FLOAT_VECTOR"):
+    """A Named Attribute node: a float, a vector, or the socket as it is for colours and rotations.
+
+    Its name is a constant or a socket.
+    """
     return wrap(tree, attribute_socket(tree, name, kind))
 
 
-def attribute_socket(tree: Tree, name: str, kind: str) -> bpy.types.NodeSocket:
+def attribute_socket(tree: Tree, name: Any, kind: str) -> bpy.types.NodeSocket:
     """The output of a Named Attribute node."""
     node = tree.node("GeometryNodeInputNamedAttribute", data_type=kind)
-    node.inputs["Name"].default_value = name
+    tree.plug(node.inputs["Name"], name)
     return node.outputs["Attribute"]
 
 

@@ -119,6 +119,20 @@ def _tinted(tree: Tree, points: Any, color: Vector, strength: Value, linear: Val
     factors = dict.fromkeys((*(SH.format(k) for k in range(15)), *SLOPE_VECTORS), factor)
     factors |= dict.fromkeys(CURVATURE_VECTORS, factor.dot((1 / 3, 1 / 3, 1 / 3)))
     for name, times in factors.items():
-        changed = store(tree, points, name, named_attribute(tree, name) * times, where=tinted)
-        points = switch(tree, "GEOMETRY", has_attribute(tree, points, name), points, changed)
+        (points,) = tree.call(_multiply_group(), points, name, times, tinted)
     return points
+
+
+def _multiply_group() -> bpy.types.NodeTree:
+    """The points with an attribute multiplied where the selection is true, if they have it."""
+    name = "DoG Splat multiply"
+    if existing := cached_group(name):
+        return existing
+    sockets = {"Points": "NodeSocketGeometry", "Name": "NodeSocketString", "Factor": "NodeSocketVector",
+               "Selection": "NodeSocketBool"}  # fmt: skip
+    tree, (points, attribute, factor, selection), exit_node = new_group(
+        name, GEOMETRY, sockets, {"Points": "NodeSocketGeometry"}
+    )
+    changed = store(tree, points, attribute, named_attribute(tree, attribute) * factor, where=selection)
+    tree.give(exit_node, [switch(tree, "GEOMETRY", has_attribute(tree, points, attribute), points, changed)])
+    return finish_group(tree, name)
