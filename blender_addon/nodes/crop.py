@@ -39,7 +39,7 @@ def crop_tree() -> bpy.types.NodeTree:
     sphere = 1.0 - (local.dot(local) > 1.0)
     inside = choose(tree, "FLOAT", shape, dict(zip(SHAPES, (box, sphere, _inside(tree, info)), strict=True)))
     lost = tree.math("ABSOLUTE", 1.0 - inside - invert)
-    tree.plug(exit_node.inputs[0], delete(tree, geometry, lost * has_object(info)))
+    tree.give(exit_node, [delete(tree, geometry, lost * has_object(info))])
     describe(tree.tree, {
         "Shape": {"default_value": SHAPES[0], "description": "Box and Sphere are the cube from -1 to 1 and the unit "
                   "sphere, moved, turned and scaled as the object; Mesh is the inside of a closed mesh"},

@@ -32,7 +32,7 @@ def limits_tree() -> bpy.types.NodeTree:
     too_large = (size > most) * (most > 0.0)
     few = delete(tree, geometry, (opacity(tree) < least_opacity) + (size < least) + too_large)
     weight = choose(tree, "FLOAT", order, dict(zip(ORDERS, (importance(tree), opacity(tree)), strict=True)))
-    tree.plug(exit_node.inputs[0], switch(tree, "GEOMETRY", count > 0.5, few, _first(tree, few, weight, count)))
+    tree.give(exit_node, [switch(tree, "GEOMETRY", count > 0.5, few, _first(tree, few, weight, count))])
     length = {"min_value": 0.0, "subtype": "DISTANCE"}
     describe(tree.tree, {
         "Minimum Opacity": {"min_value": 0.0, "max_value": 1.0, "subtype": "FACTOR",

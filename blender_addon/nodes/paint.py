@@ -47,7 +47,7 @@ def paint_tree(space: str = "") -> bpy.types.NodeTree:
     for name, kind, done in ((ERASE, "FLOAT", erase), (TINT, "FLOAT_COLOR", tint)):
         there = has_attribute(tree, points, name, kind)  # Blender warns where nothing is to be removed
         points = switch(tree, "GEOMETRY", done * there > 0.5, points, remove(tree, points, name))
-    tree.plug(exit_node.inputs[0], points)
+    tree.give(exit_node, [points])
     describe(tree.tree, {
         "Erase": {"default_value": True, "description": f'Leave out the splats whose weight "{ERASE}" is high'},
         "Threshold": {"default_value": 0.5, "min_value": 0.0, "max_value": 1.0, "subtype": "FACTOR",
@@ -64,7 +64,7 @@ def weights_tree(group: str) -> bpy.types.NodeTree:
     sockets = {"Geometry": "NodeSocketGeometry"}
     tree, (geometry,), exit_node = new_group("DoG Splat weights", GEOMETRY, sockets, sockets)
     weights = named_attribute(tree, group, "FLOAT")
-    tree.plug(exit_node.inputs[0], store(tree, geometry, WEIGHT, weights, "FLOAT"))
+    tree.give(exit_node, [store(tree, geometry, WEIGHT, weights, "FLOAT")])
     return tree.tree
 
 

@@ -121,8 +121,6 @@ def kernel_group() -> bpy.types.NodeTree:
     shrunk = tree.math("SQRT", tree.math("MAXIMUM", raw_det / det, 2.5e-5)) - 1.0
     opacity = opacity * (shrunk * antialiased + 1.0)
     t = cutoff(tree, opacity)
-    tree.plug(exit_node.inputs["Kernel"], tree.combine(ux, uy, vy))
     extent = tree.combine(tree.math("SQRT", t * xx), tree.math("SQRT", t * yy))
-    tree.plug(exit_node.inputs["Extent"], extent)
-    tree.plug(exit_node.inputs["Opacity"], opacity)
+    tree.give(exit_node, [tree.combine(ux, uy, vy), extent, opacity])
     return finish_group(tree, name)

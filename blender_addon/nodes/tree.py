@@ -71,7 +71,7 @@ def splat_tree(space: str = "") -> bpy.types.NodeTree:
     ways = (automatic, quads, ellipsoids, as_points)
     chosen = choose(tree, "GEOMETRY", show, dict(zip(SHOW, ways, strict=True)))
     result = switch(tree, "GEOMETRY", in_viewport * moving_points > 0.5, chosen, as_points)
-    tree.plug(exit_node.inputs[0], result)
+    tree.give(exit_node, [result])
     _describe(tree.tree)
     return finish_group(tree, NAME, space)
 
