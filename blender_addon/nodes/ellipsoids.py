@@ -5,26 +5,29 @@ from __future__ import annotations
 import bpy
 
 from .builder import new_group
-from .fields import FRAME, Frame, Splat
+from .fields import Splat
 from .geometry import delete, set_material, store
 from .groups import GEOMETRY, LOW_PASS, cached_group, cutoff, finish_group
 from .material import EXTENT, FACTOR, OPACITIES, ellipsoid_material
 
 SPHERE_RADIUS = 1 / 0.9339  # of an icosphere with 80 faces that holds the unit sphere
-INPUTS = {"Points": "NodeSocketGeometry", "DoG": "NodeSocketBool", "Near Clip": "NodeSocketFloat", **FRAME}
+INPUTS = {
+    "Points": "NodeSocketGeometry", "DoG": "NodeSocketBool", "Near Clip": "NodeSocketFloat", "Depth": "NodeSocketFloat",
+    "Unit": "NodeSocketFloat", "Focal": "NodeSocketVector",
+}  # fmt: skip
 
 
 def ellipsoids_group() -> bpy.types.NodeTree:
-    """A sphere per splat, scaled to where the wider of its kernels ends."""
+    """A sphere per splat, scaled to where the wider of its kernels ends. The last three inputs are of a ``Frame``."""
     name = "DoG Splat ellipsoids"
     if existing := cached_group(name):
         return existing
-    tree, (points, dog, near, *of_frame), exit_node = new_group(
+    tree, (points, dog, near, depth, unit, focal), exit_node = new_group(
         name, GEOMETRY, INPUTS, {"Ellipsoids": "NodeSocketGeometry"}
     )
-    frame, splat = Frame(*of_frame), Splat(tree, dog)
-    distance = tree.math("MAXIMUM", frame.depth, near) / frame.unit
-    fx, fy, _ = frame.focal.split()
+    splat = Splat(tree, dog)
+    distance = tree.math("MAXIMUM", depth, near) / unit
+    fx, fy, _ = focal.split()
     pixel2 = distance * distance / (fx * fy) * LOW_PASS  # low-pass variance at that depth
     primary, pseudo = (
         tree.combine(*(tree.math("SQRT", s * s + pixel2) for s in scale.split()))

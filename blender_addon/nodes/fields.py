@@ -13,6 +13,11 @@ from .groups import GEOMETRY, cached_group, finish_group, named_attribute
 JACOBIAN_MARGIN = 0.15  # of the image on every side: J is evaluated at most there (the 1.3 tan(fov / 2) of 3DGS)
 
 
+def _sockets(fields: tuple[str, ...], **others: str) -> dict[str, str]:
+    """Sockets of a group for the fields of a tuple, in their order: vectors, but for ``others``."""
+    return {name.capitalize(): others.get(name, "NodeSocketVector") for name in fields}
+
+
 class Pose(NamedTuple):
     """Where a picture is taken from, in the space of the world, and its intrinsics in pixels (x, y, 0)."""
 
@@ -23,10 +28,7 @@ class Pose(NamedTuple):
     size: Vector
 
 
-POSE = {
-    "Location": "NodeSocketVector", "Rotation": "NodeSocketRotation", "Focal": "NodeSocketVector",
-    "Center": "NodeSocketVector", "Size": "NodeSocketVector",
-}  # fmt: skip
+POSE = _sockets(Pose._fields, rotation="NodeSocketRotation")
 
 
 def camera_pose(tree: Tree) -> tuple[Vector, Any]:
@@ -63,11 +65,7 @@ class Frame(NamedTuple):
     tangents: Vector
 
 
-FRAME = {
-    **dict.fromkeys(("Right", "Down", "Forward", "Across", "Up"), "NodeSocketVector"), "Unit": "NodeSocketFloat",
-    "Direction": "NodeSocketVector", "Depth": "NodeSocketFloat", "Focal": "NodeSocketVector",
-    "Tangents": "NodeSocketVector",
-}  # fmt: skip
+FRAME = _sockets(Frame._fields, unit="NodeSocketFloat", depth="NodeSocketFloat")
 
 
 def frame_group() -> bpy.types.NodeTree:
