@@ -2,7 +2,8 @@
 
 ``python -m benchmarks million``: a row for each amount of ``--memory``, in a process of its own, as the peak is that of
 its whole life: it has the state of Adam and two photographs, and writes a checkpoint. Points are random, in a cube that
-fills the view.
+fills the view. On a GPU there is one row, as nothing is divided there, and the peak of the device beside that of the
+process.
 """
 
 from __future__ import annotations
@@ -41,34 +42,41 @@ def main(flags: Sequence[str]) -> None:
     parser.add_argument("--size", type=int, nargs=2, default=(1600, 1066))
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--variant", default="llvm_ad_rgb")
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
     parser.add_argument("--alone", action="store_true", help="the one amount in this process, as JSON")
     args = parser.parse_args(flags)
     mi.set_variant(args.variant)
     if args.alone:
         print(json.dumps(measured(args)))
         return
-    print("| `--memory` | isects | bands | forward, s | forward + backward, s | training step, s | peak resident, MB |")
-    print("|---|---|---|---|---|---|---|")
-    for memory in args.memory:
+    rows = []
+    for memory in args.memory[:1] if dr.backend_v(mi.Float) is dr.JitBackend.CUDA else args.memory:
         command = [sys.executable, "-m", "benchmarks", "million", *flags, "--alone", "--memory", memory]
-        result = json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout)
-        cells = [memory, f"{result['isects']:,}", str(result["bands"])]
-        cells += [f"{result[name]:.2f}" for name in ("forward", "forward + backward", "training step")]
-        print("| " + " | ".join([*cells, f"{result['peak_mb']:,.0f}"]) + " |", flush=True)
+        rows.append(json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout))
+        if len(rows) == 1:
+            print(f"| {' | '.join(rows[0])} |\n" + "|---" * len(rows[0]) + "|")
+        cells = [f"{value:,.4g}" if isinstance(value, float) else str(value) for value in rows[-1].values()]
+        print(f"| {' | '.join(cells)} |", flush=True)
+        if args.json:
+            args.json.write_text(json.dumps(rows), encoding="utf-8")
 
 
 def measured(args: argparse.Namespace) -> dict[str, Any]:
-    """Of ``args.memory``, seconds and MB."""
+    """A row for ``args.memory``."""
     config = TrainConfig("random", "3dgs", memory=args.memory[0], variant=args.variant)
     trainer = Trainer(config, random_data(args.primitives, *args.size))
     trainer.step_count = ALL_DEGREES
-    times = {name: seconds(run, args.rounds) for name, run in passes(trainer).items()}
+    times = {f"{name}, ms": 1e3 * seconds(run, args.rounds) for name, run in passes(trainer).items()}
     with tempfile.TemporaryDirectory() as folder:
         save_checkpoint(Path(folder) / "state.npz", trainer.state())
     peak = peak_memory_mb()
     view = trainer.render(trainer.optimizer.params, 0)[1].view
+    isects = view.n_isects if view else 0
+    if (backend := dr.backend_v(mi.Float)) is dr.JitBackend.CUDA:
+        device = dr.detail.malloc_watermark(backend) / 1e6
+        return {"isects": isects} | times | {"peak of the device, MB": device, "peak resident, MB": peak}
     bands = len(view.bands) if isinstance(view, BandedView) else 1
-    return times | {"peak_mb": peak, "isects": view.n_isects if view else 0, "bands": bands}
+    return {"--memory": args.memory[0], "isects": isects, "bands": bands} | times | {"peak resident, MB": peak}
 
 
 def random_data(n: int, width: int, height: int) -> Dataset:

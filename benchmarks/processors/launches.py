@@ -1,6 +1,8 @@
-"""What the device is given to do in a training step: launches, copies and memsets, by the stage that asks for them.
+"""What the device is given to do in a training step: launches, copies and memsets, by the stage that asks for them, and
+how long it takes for them.
 
-Dr.Jit's history of kernels says it for every backend. It does not see all that a driver of CUDA is asked for (the
+Dr.Jit's history of kernels says it for every backend. Times are those of the last of some calls, each kernel's by
+itself, so that their sum is what a step takes at least. It does not see all that a driver of CUDA is asked for (the
 transpositions of a sort, memsets, copies); a driver that counts does (``DRJIT_LIBCUDA_PATH``, as ``make test-cuda``
 sets it).
 """
@@ -9,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import json
 import os
 import sys
 from collections import Counter
@@ -40,6 +43,7 @@ STAGES = {  # the innermost of these functions that is running, by file and name
     ("training/optimizer/trained_arrays.py", "step"): "optimizer",
 }
 ELSEWHERE = "elsewhere"
+TIME = "ms"
 COUNTED = ("launches", "memsets", "device_to_device", "host_to_device", "device_to_host", "stream_syncs")
 
 
@@ -60,7 +64,7 @@ class Watch:
 
     def __init__(self) -> None:
         self.by_stage: dict[str, Counter] = {}
-        self.each: list[tuple[str, str, int, int]] = []  # stage, kind, lanes, operations of a kernel
+        self.each: list[tuple[str, str, int, int, float]] = []  # stage, kind, lanes, operations, ms of a kernel
         self._stack = [ELSEWHERE]
         self._read = driver_counters()
         self._last: Counter = Counter()
@@ -105,7 +109,10 @@ class Watch:
             if kernel["type"] != dr.KernelType.LLVMHostFunc:
                 kind = str(kernel["type"]).split(".")[-1]
                 counts["kernels" if kind == "JIT" else "Dr.Jit's own"] += 1
-                self.each.append((self._stack[-1], kind, kernel["size"], kernel.get("operation_count", 0)))
+                counts[TIME] += kernel["execution_time"]
+                self.each.append(
+                    (self._stack[-1], kind, kernel["size"], kernel.get("operation_count", 0), kernel["execution_time"])
+                )
         if self._read:
             self._last = Counter(self._read())
 
@@ -114,15 +121,21 @@ def _stage_of(file: str, name: str) -> str | None:
     return next((stage for (of_file, of), stage in STAGES.items() if of == name and file.endswith(of_file)), None)
 
 
-def table(watch: Watch) -> str:
-    """By stage, as Markdown."""
+def rows_of(watch: Watch) -> list[dict[str, Any]]:
+    """Counts and milliseconds by stage, and of all together."""
     known = set().union(*watch.by_stage.values())
-    columns = [name for name in ("kernels", "Dr.Jit's own", *COUNTED) if name in known]
-    rows = [(stage, watch.by_stage[stage]) for stage in (*STAGES.values(), ELSEWHERE) if stage in watch.by_stage]
-    rows.append(("all", sum((counts for _, counts in rows), Counter())))
-    lines = [f"| | {' | '.join(name.replace('_', ' ') for name in columns)} |", "|" + "---|" * (1 + len(columns))]
-    for stage, counts in rows:
-        lines.append(f"| {stage} | {' | '.join(str(counts[name] or '') for name in columns)} |")
+    columns = [name for name in ("kernels", "Dr.Jit's own", TIME, *COUNTED) if name in known]
+    stages = [(stage, watch.by_stage[stage]) for stage in (*STAGES.values(), ELSEWHERE) if stage in watch.by_stage]
+    stages.append(("all", sum((counts for _, counts in stages), Counter())))
+    return [{"": stage} | {name.replace("_", " "): counts[name] for name in columns} for stage, counts in stages]
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Of some rows, as Markdown."""
+    lines = [f"| {' | '.join(rows[0])} |", "|" + "---|" * len(rows[0])]
+    for row in rows:
+        cells = [f"{value:.3f}" if name == TIME else str(value or "") for name, value in row.items()]
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
@@ -143,16 +156,22 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--size", type=int, nargs=2, default=(400, 300), metavar=("W", "H"))
     parser.add_argument("--dog", action="store_true", help="all primitives are DoG")
     parser.add_argument("--each", action="store_true", help="list the kernels one by one")
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
     args = parser.parse_args(arguments)
     mi.set_variant(args.variant)
     width, height = args.size
+    found = []
     for name, run in passes(trainer_of(args.primitives, width, height, args.dog)).items():
         watch = watched(run)
         print(f"\n# {name} ({args.variant}, {args.primitives:,} primitives, {width}x{height})")
-        print(table(watch))
+        rows = rows_of(watch)
+        print(table(rows))
+        found += [{"pass": name} | row for row in rows]
         if args.each:
-            for stage, kind, lanes, operations in watch.each:
-                print(f"{stage:20} {kind:10} {lanes:9,d} lanes {operations:6d} operations")
+            for stage, kind, lanes, operations, ms in watch.each:
+                print(f"{stage:20} {kind:10} {lanes:9,d} lanes {operations:6d} operations {ms:9.4f} ms")
+    if args.json:
+        args.json.write_text(json.dumps(found), encoding="utf-8")
 
 
 def trainer_of(n: int, width: int, height: int, dog: bool) -> Trainer:

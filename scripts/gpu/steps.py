@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from . import results
@@ -18,6 +19,12 @@ LEFT_OUT = ("common", "frozen_minimal")  # what they share; and a defect of Dr.J
 # what the demo captures, and how large
 DEMO = (str(ROOT / "scenes" / "demo_truth.xml"), *"--alpha --elevations 12 65 --zoom 1.35 --points 8000".split())
 DEMO_SIZE = tuple("--size 256 256 --spp 121".split())
+BENCHMARKS = {
+    "renderers": "The same splats in several renderers",
+    "launches": "Stages of a step",
+    "million": "A million primitives at 1600x1066",
+    "device_memory": "Memory of the device",
+}
 CANNOT_TELL, WITHOUT_OPTIX = 2, 3  # exit status of a check, and of the probe
 # These load scenes throughout, and one of them ends its process where there is no OptiX.
 SCENES = ("tests/plugin", *(f"tests/engine/test_{name}.py" for name in ("aovs", "background", "derivatives")))
@@ -88,7 +95,7 @@ def _python(*words: object) -> list[str]:
 
 
 def _gsplat(setup: Setup) -> Step:
-    environment = {"TORCH_EXTENSIONS_DIR": str(setup.work / "torch"), "MAX_JOBS": str(max(1, setup.cores // 2))}
+    environment = {"TORCH_EXTENSIONS_DIR": str(setup.work / "torch"), "MAX_JOBS": str(max(1, setup.cores // 4))}
     command = _python("-m", "scripts.gpu.gsplat", *([] if setup.offline or setup.quick else ["--install"]))
     return Step("gsplat", "gsplat", command, 270, 0, environment=environment, aside=True, bounded=True, untold=2)
 
@@ -100,7 +107,7 @@ def _tests(setup: Setup) -> list[Step]:
     arrays, scenes = [path for path in arrays if path not in SCENES], list(SCENES)
     if setup.quick:
         arrays, scenes = ["tests/engine/test_tiles.py", "tests/engine/test_view.py"], ["tests/plugin/test_sensor.py"]
-    processes = max(1, min(8, setup.cores))
+    processes = max(1, 3 * setup.cores // 4)  # gsplat is built beside them
     command = _python("-m", "pytest", "-v", "-p", "no:cacheprovider", "-p", "xdist.plugin", "-n", processes)
     command += ["--dist", "loadfile"]
     # only our plugins of pytest: the warnings of others, which a machine may have, are errors
@@ -124,9 +131,11 @@ def _checks(setup: Setup) -> list[Step]:
 
 
 def _benchmarks(setup: Setup) -> list[Step]:
-    """Speed beside other renderers, and memory."""
+    """Speed beside other renderers and by stages, and memory."""
     return [
         _benchmark(setup, "renderers", 100, "--primitives", 500, "--width", 64, "--rounds", 1),
+        _benchmark(setup, "launches", 40, "--primitives", 500, "--size", 64, 48),
+        _benchmark(setup, "million", 60, "--primitives", 500, "--size", 64, 48, "--rounds", 1),
         _benchmark(setup, "device_memory", 60, "--primitives", 500, 1000, "--width", 64),
     ]
 
@@ -136,8 +145,7 @@ def _benchmark(setup: Setup, name: str, limit: float, *small: object) -> Step:
     file = setup.work / f"{name}.json"
     command = _python("-m", "benchmarks", name, "--variant", "cuda_ad_rgb", "--json", file)
     command += map(str, small if setup.quick else ())
-    title = {"renderers": "The same splats in several renderers", "device_memory": "Memory of the device"}[name]
-    return Step(name, title, command, limit, 30, lambda log: results.figures(file, log), alone=True, bounded=True)
+    return Step(name, BENCHMARKS[name], command, limit, 30, partial(results.figures, file), alone=True, bounded=True)
 
 
 def _training(setup: Setup, optix: bool) -> list[Step]:
