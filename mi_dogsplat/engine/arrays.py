@@ -29,7 +29,8 @@ class ArrayTypes:
     UInt: Any
     UIntPair: Any
     UIntQuad: Any
-    Quad: Any  # of floats
+    Pair: Any  # of floats
+    Quad: Any
     Floats: Any  # any number of them
     UInts: Any
 
@@ -44,7 +45,8 @@ def _of_variant(Float: Any) -> ArrayTypes:
     is_llvm = dr.backend_v(Float) == dr.JitBackend.LLVM
     module: Any = dr.llvm if is_llvm else dr.cuda
     scalars = module.Float, module.Float64, module.Int, module.UInt
-    return ArrayTypes(is_llvm, *scalars, module.Array2u, module.Array4u, module.Array4f, module.ArrayXf, module.ArrayXu)
+    whole, floats = (module.Array2u, module.Array4u), (module.Array2f, module.Array4f)
+    return ArrayTypes(is_llvm, *scalars, *whole, *floats, module.ArrayXf, module.ArrayXu)
 
 
 @lru_cache(maxsize=256)
