@@ -11,6 +11,7 @@ from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.plugin import shadow_ratios
 from mi_dogsplat.plugin.shadow_ratios import ShadowRatios, estimated
 from mi_dogsplat.scene.cameras import Camera
+from same_numbers import assert_same_numbers
 from splat_scenes import make_splats, random_splats, rounded, scene_of
 
 CAMERA = Camera(np.eye(4), 18.0, 18.0, 6.0, 5.0, 12, 10)  # at the origin, looks along z
@@ -175,7 +176,7 @@ def test_where_nothing_hides_light_the_bits_are_the_same(linear):
               "lamp": {"type": "point", "position": [0.0, 0, -3]}}
     on, off = (np.array(mi.render(lit_scene(random_splats(12, degree=1), others, mesh_shadows=shadows,
                                             srgb_primitives=not linear), spp=1)) for shadows in (True, False))
-    np.testing.assert_array_equal(on, off)
+    assert_same_numbers(on, off)
 
 
 @pytest.mark.parametrize("max_depth, same_as, other", [(-1, 60, 2), (0, 1, -1)])

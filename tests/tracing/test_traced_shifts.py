@@ -14,6 +14,7 @@ from mi_dogsplat.tracing.primitives import primitives_of
 from mi_dogsplat.tracing.tracer import SplatTracer
 from own_axes_models import KINDS
 from ray_sets import decided, gathered, kernels_of_tracing, random_rays, ray_set, tracer_of
+from same_numbers import assert_same_numbers
 from shifted_models import places_seen, standing, with_shifts
 from splat_scenes import make_splats, random_splats, rounded
 
@@ -157,4 +158,4 @@ def test_primitives_that_stay_have_the_bits_of_a_model_without_shifts():
     one = replace(still, shift_index=[30], view_shifts=np.ones((1, 3, 3)), mean_views=np.zeros((1, 3)))
     rays = random_rays(200, seed=20)
     for a, b in zip(gathered(tracer_of(one), rays), gathered(tracer_of(still), rays), strict=True):
-        np.testing.assert_array_equal(a, b)
+        assert_same_numbers(a, b)

@@ -1,10 +1,12 @@
 """The baseline on pictures of a known model: it learns, keeps its promises about size and files, and repeats itself."""
 
 import json
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import mi_dogsplat.runs.run
+import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
@@ -14,6 +16,7 @@ from launches import counts_without_compiling
 from mi_dogsplat import read_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import camera_extent
+from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.measure import metrics
 from mi_dogsplat.render.picture import over_background
 from mi_dogsplat.runs.history import run_to_end
@@ -127,7 +130,12 @@ def test_the_cap_is_exact_in_every_row(data, trained, cap):
 
 
 def test_the_same_seed_gives_the_same_run_up_to_the_order_of_atomics(data, trained, tmp_path):
-    """Sums over pixels are made by atomics whose order varies: losses differ by some 1e-7, choices by nothing."""
+    """Choices differ by nothing; losses by nothing either where lanes add in turn.
+
+    Atomics add the gradients in any order, so they differ by rounding. Adam steps by their signs at first, and so
+    turns what is rounding in a gradient of nearly zero into a whole step: in these 150, the losses of two runs on an
+    H100 came to differ by 1.6e-4. The first two steps come before that; the test below compares them.
+    """
     mi_dogsplat.runs.run.train(config_of(data), tmp_path / "again")
     first, again = history_of(trained[0]), history_of(tmp_path / "again")
     for key in ("step", "n", "n_dog"):
@@ -135,14 +143,14 @@ def test_the_same_seed_gives_the_same_run_up_to_the_order_of_atomics(data, train
     assert records(first, "densified") == records(again, "densified") != []
     for key in ("l1", "loss", "test_psnr"):
         a, b = ([row[key] for row in rows if key in row] for rows in (first, again))
-        np.testing.assert_allclose(a, b, rtol=1e-4)
+        np.testing.assert_allclose(a, b, rtol=0 if lanes_add_in_turn(mi.variant()) else 1e-3)
 
 
 def test_another_seed_shows_views_in_another_order(data):
     dataset = load_dataset(data)
-    first_rows = [next(run_to_end(Trainer(config_of(data, seed=s, log_every=1), dataset))) for s in (0, 0, 1)]
-    a, b, c = (row["l1"] for row in first_rows)
-    assert a == pytest.approx(b, rel=1e-5) and a != pytest.approx(c, rel=1e-3)
+    runs = [run_to_end(Trainer(config_of(data, seed=s, log_every=1), dataset)) for s in (0, 0, 1)]
+    a, b, c = ([row["l1"] for row in islice(rows, 2)] for rows in runs)
+    assert a == pytest.approx(b, rel=1e-5) and a[0] != pytest.approx(c[0], rel=1e-3)
 
 
 def test_step_sizes_know_how_many_views_and_how_large_a_scene_there_are(data):
