@@ -24,6 +24,7 @@ from mi_dogsplat.engine.view import prepare
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.engine.walks.walk import Walk
 from mi_dogsplat.scene.splats import Splats
+from same_numbers import assert_same_numbers
 from splat_scenes import (
     attached,
     make_splats,
@@ -66,7 +67,7 @@ def stripped_backward(splats: Splats) -> Callable[[], Any]:
 
 @pytest.mark.parametrize(("engine", "stripped"), [(forward, stripped_forward), (backward, stripped_backward)])
 def test_a_plain_model_costs_what_it_costs_in_a_renderer_without_any_option(engine, stripped):
-    """The same launches, kernels of the same instructions, the same bits."""
+    """The same launches, kernels of the same instructions, the same bits; where atomics add, in any order."""
     ours, lean = engine(model()), stripped(model())
     launched, expected = launches(ours), launches(lean)
     assert [(k.kind, k.size, k.operations) for k in launched] == [(k.kind, k.size, k.operations) for k in expected]
@@ -75,7 +76,7 @@ def test_a_plain_model_costs_what_it_costs_in_a_renderer_without_any_option(engi
     # half as many pixels in a lane of CUDA, and one primitive per iteration
     assert sum(k.operations for k in launched) > (3000 if array_types().is_llvm else 1500)
     for a, b in zip(ours(), lean(), strict=True):
-        np.testing.assert_array_equal(a.numpy(), b.numpy())
+        assert_same_numbers(a.numpy(), b.numpy())
 
 
 def test_a_plain_model_never_looks_at_the_modes_of_dog():

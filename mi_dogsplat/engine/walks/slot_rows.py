@@ -41,21 +41,22 @@ class SlotRows:
     def add(self, slot, values: list, active) -> None:
         """Add a value per column to the row ``slot``.
 
-        One wide scatter instead of one per value; on CUDA several, as wide as a GPU adds at once and as they fit.
-        There each lane adds by itself: to join those of a warp that add to one row first (mode ``Local``) takes longer.
+        One wide scatter instead of one per value; on CUDA several, as wide as a GPU adds at once. The lanes of a warp
+        that add to one row are joined first (``Local``): where many do, as in a large primitive, each for itself takes
+        three times as long, and a fifth less where few do (docs/performance.md).
         Never in mode ``Expand``, nor ``Auto`` which may choose it: they give every thread a copy of the table at an
         offset that a frozen kernel holds as a constant. Replayed with a larger table it writes out of bounds
         (Dr.Jit 1.5).
         """
         types = array_types()
+        mode = dr.ReduceMode.NoConflicts if self.in_turn else dr.ReduceMode.Local
         if self.lists.one_slot_each:
             kinds = {4: types.Quad, 2: types.Pair}
             for first, size in packets(self.columns):
                 index = dr.fma(slot, self.row_size // size, first // size)
                 packet = kinds[size](values[first : first + size]) if size > 1 else values[first]
-                dr.scatter_add(self.values, packet, index, active, mode=dr.ReduceMode.Direct)
+                dr.scatter_add(self.values, packet, index, active, mode=mode)
             return
-        mode = dr.ReduceMode.NoConflicts if self.in_turn else dr.ReduceMode.Local
         padded = [*values, *[types.Float(0)] * (self.row_size - self.columns)]
         dr.scatter_add(self.values, types.Floats(padded), slot, active, mode=mode)
 

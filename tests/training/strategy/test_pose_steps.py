@@ -11,6 +11,7 @@ import pytest
 from hdr_data import write_hdr_data
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import View
+from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c
 from mi_dogsplat.training.strategy.pose_refinement import PoseRefinement, Poses
 from mi_dogsplat.training.strategy.strategy import Seen, Training
@@ -164,7 +165,7 @@ def test_where_nothing_is_asked_for_motions_go_back(data, gradients):
 
 
 def test_radiance_in_another_unit_gives_the_same_motions(tmp_path, at_once):
-    """A power of two, which rounds nothing otherwise."""
+    """A power of two, which rounds nothing otherwise. Atomics do: in two turns, steps by signs made .3 % of it."""
     dataset = load_dataset(write_hdr_data(tmp_path / "data"))
 
     def motions(factor: float) -> np.ndarray:
@@ -176,7 +177,8 @@ def test_radiance_in_another_unit_gives_the_same_motions(tmp_path, at_once):
 
     expected = motions(1.0)
     assert np.abs(expected).max() > 1e-3
-    np.testing.assert_allclose(motions(1024.0), expected, atol=1e-3 * np.abs(expected).max())
+    near = 1e-3 if lanes_add_in_turn(mi.variant()) else 1e-2
+    np.testing.assert_allclose(motions(1024.0), expected, atol=near * np.abs(expected).max())
 
 
 def test_half_of_a_photograph_asks_for_as_much_as_all_of_it(data, tmp_path, gradients):
