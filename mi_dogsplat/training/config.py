@@ -78,7 +78,7 @@ class TrainConfig:
     log_every: Annotated[int, Setting("steps between rows of history.jsonl", least=1)] = 50
     test_every: Annotated[int, Setting(TESTS, least=0)] = 0
     memory: Annotated[
-        str | None, Setting("train within this, as 8G (default: what is free on the CPU; no limit on a GPU)")
+        str | None, Setting("train within this, as 8G; of the GPU, where one computes (default: what is free)")
     ] = None
     checkpoint_seconds: Annotated[float, Setting(CHECKPOINTS, least=0)] = 60.0
     up: Up = None

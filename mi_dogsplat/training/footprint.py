@@ -1,5 +1,7 @@
 """What a training needs of memory, and how many primitives fit into what there is.
 
+On a GPU it is the memory of the device, where neither Python nor the pictures are.
+
 Measured on the CPU (LLVM, resident size; docs/trust.md has the table): within 10 % from 50,000 to 600,000 primitives.
 F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``SplatOptimizer``). Rows of DoG,
 slopes, curvatures and cuts and the products of preconditioned steps come when pruning is over: they count where what is
@@ -19,6 +21,7 @@ from ..datasets import Dataset
 from ..engine.bands import LISTED, WALKED
 from ..engine.geometry import Blocks
 from ..scene.row_groups import RowGroup
+from ..support.device_memory import free_device_memory
 from ..support.errors import DataError
 from ..support.memory import available_memory, bytes_of
 from ..support.wording import counted, file_size
@@ -37,6 +40,9 @@ MOST_BANDS = 8  # in which a view is walked, by an estimate: more take longer, a
 ROWS_OF_BAND = 4  # of tiles, at least: bands of few rows differ in size
 FIRST_PAIRS = 8.0  # pairs per primitive before any are counted
 MARGIN = 0.85  # of the budget: the estimate is no better
+# On a GPU, where Dr.Jit rounds the size of an array up to a power of two, and memory that is never touched counts:
+ROUNDED = 1.9  # times what primitives need, at most (measured from 5,000 to a million)
+DEVICE_PAIR = 60  # bytes: a pair of tile and primitive has no sums of its own there
 
 
 @dataclass(frozen=True)
@@ -60,25 +66,34 @@ def floats_of(groups: Collection[RowGroup]) -> int:
 
 @dataclass
 class Budget:
-    """Memory for a training: ``total`` bytes, of which ``fixed`` do not depend on the primitives of ``floats`` floats.
+    """Memory for a training: ``total`` bytes. Of these ``base`` and ``pictures``, with all that is made of them, do not
+    depend on the primitives of ``floats`` floats.
 
-    ``bands`` is how many a view may be walked in before primitives are refused for want of memory.
+    ``pair`` is what a pair of tile and primitive needs of a view in as many bands as it may be walked in before
+    primitives are refused for want of memory, and ``rounded`` by how much arrays are larger than what is in them.
     ``keep_targets`` is as in ``Photographs``.
     ``pairs`` is the largest number of pairs of tile and primitive that a view has had since the last refinement.
     """
 
     total: float
-    fixed: float
+    base: float
+    pictures: float
     floats: int
-    bands: int = 1
+    pair: float
+    rounded: float = 1.0
     keep_targets: bool = True
     pairs: int = 0
     later: Later = Later()
 
+    @property
+    def fixed(self) -> float:
+        """Bytes beside the primitives."""
+        return self.base + self.pictures
+
     def each(self, pairs_per_primitive: float) -> float:
         """Bytes that a primitive needs, before the pruning or what is left of it after that."""
-        now = PER_FLOAT * self.floats + PER_PRIMITIVE + (LISTED + WALKED / self.bands) * pairs_per_primitive
-        return max(now, self.later.left * (now + self.later.bytes))
+        now = self.rounded * (PER_FLOAT * self.floats + PER_PRIMITIVE) + self.pair * pairs_per_primitive
+        return max(now, self.later.left * (now + self.rounded * self.later.bytes))
 
     def for_pairs(self, optimizer: TrainedArrays) -> float:
         """Bytes that primitives, with the rows and products that they have now, leave for pairs:
@@ -106,7 +121,7 @@ class Budget:
         primitives = n * self.each(FIRST_PAIRS)
         total = file_size((self.fixed + primitives) / MARGIN)
         need = f"training from {counted(n, 'primitive')} needs about {total} of memory"
-        parts = f"pictures {file_size(self.fixed - BASE)}, primitives {file_size(primitives)}"
+        parts = f"pictures {file_size(self.pictures)}, primitives {file_size(primitives)}"
         remedy = "use a larger --downscale, fewer --max-primitives, a smaller --sh-degree, or a larger --memory"
         raise DataError(path, f"{need} ({parts}), and there are {file_size(self.total)}", remedy)
 
@@ -134,18 +149,18 @@ def budget(
     """The budget of a training on the data; None where nobody knows how much memory there is.
 
     Args:
-        memory: as ``TrainConfig.memory``; None is what the machine has to give now.
+        memory: as ``TrainConfig.memory``; None is what the machine, or on a GPU the device, has to give now.
         on_disk: pictures and masks are decoded when they are due, and weigh nothing.
         groups: of which primitives have rows before any are pruned.
         masked: training views have masks.
         later: what comes when the pruning is over.
     """
-    pictures = 0 if on_disk else sum(view.n_bytes for view in dataset.views)
-    if memory is None and "cuda" in str(mi.variant()):
-        return None
+    on_gpu = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
+    base = 0.0 if on_gpu else BASE
+    pictures = 0 if on_disk or on_gpu else sum(view.n_bytes for view in dataset.views)
     if memory is None:
-        free = available_memory()
-        total = None if free is None else free + pictures + BASE  # most of these are there already
+        free = free_device_memory() if on_gpu else available_memory()
+        total = None if free is None else free + pictures + base  # most of these are there already
     else:
         total = bytes_of(memory)
     if total is None:
@@ -159,6 +174,9 @@ def budget(
     at_work = (AT_WORK + (0 if keep else TARGET)) * max(pixels)
     floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
     floats += floats_of(groups)
+    held = base, pictures + targets + at_work, floats
+    if on_gpu:
+        return Budget(total, *held, DEVICE_PAIR, ROUNDED, keep, later=later)
     rows = min(view.camera.height for view in dataset.train) // Blocks.of_backend().tile_height
     bands = min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
-    return Budget(total, BASE + pictures + targets + at_work, floats, bands, keep, later=later)
+    return Budget(total, *held, LISTED + WALKED / bands, keep_targets=keep, later=later)

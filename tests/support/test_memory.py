@@ -15,9 +15,11 @@ import tiny_data
 from happenings import history_of, records
 from mi_dogsplat import write_ply
 from mi_dogsplat.cli import main
-from mi_dogsplat.datasets import load_dataset, view_images
-from mi_dogsplat.engine.bands import BandedView
+from mi_dogsplat.datasets import Dataset, View, load_dataset, view_images
+from mi_dogsplat.datasets.dataset import no_points
+from mi_dogsplat.engine.bands import LISTED, WALKED, BandedView
 from mi_dogsplat.runs import run
+from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.row_groups import DOG, PLANES, SLOPES
 from mi_dogsplat.support import memory
 from mi_dogsplat.support.errors import DataError
@@ -28,6 +30,7 @@ from mi_dogsplat.training.events import MemoryFull
 from mi_dogsplat.training.footprint import (
     FIRST_PAIRS,
     MARGIN,
+    MOST_BANDS,
     PER_FLOAT,
     PER_PRIMITIVE,
     PER_PRODUCT,
@@ -256,8 +259,19 @@ def test_targets_are_kept_where_they_are_a_small_part_of_the_memory(data):
     assert ample.fixed - tight.fixed == pytest.approx(TARGET * (pixels - largest) - images)
 
 
-def test_more_bands_leave_room_for_more_primitives():
-    whole, cut = (Budget(total=1e9, fixed=2e8, floats=62, bands=bands) for bands in (1, 8))
+def test_views_with_more_rows_of_tiles_may_be_walked_in_more_bands():
+    def pair(height: int) -> float:
+        camera = Camera(np.eye(4), 8.0, 8.0, 4.0, height / 2, 8, height)
+        view = View("view", camera, np.zeros((height, 8, 3), np.float32))
+        known = budget("1G", Dataset(Path(), [view], [], *no_points(), has_alpha=False), 1)
+        assert known
+        return known.pair
+
+    assert pair(8) == LISTED + WALKED and pair(2000) == LISTED + WALKED / MOST_BANDS
+
+
+def test_what_pairs_do_not_need_is_room_for_primitives():
+    whole, cut = (Budget(1e9, base=2e8, pictures=0, floats=62, pair=pair) for pair in (140, 40))
     assert cut.most_primitives(100) > 2 * whole.most_primitives(100)
 
 
@@ -285,7 +299,7 @@ def test_primitives_grow_until_the_memory_is_full_and_the_history_says_so(data, 
 
 
 def test_the_cap_falls_as_primitives_touch_more_tiles_and_removes_none():
-    known = Budget(total=1e9, fixed=2e8, floats=62)
+    known = Budget(1e9, base=2e8, pictures=0, floats=62, pair=140)
     caps = []
     for pairs in (10_000, 100_000, 1_000_000):
         known.pairs = pairs
