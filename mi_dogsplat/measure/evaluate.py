@@ -25,6 +25,7 @@ from .timing import milliseconds_in_turn
 
 TIMED_VIEWS = 8  # at most
 REPEATS = 3  # renders of each
+BYTES_PER_PIXEL = 700  # of a view that is measured: in float64, and what the allocator keeps for its thread
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,12 @@ def evaluate_views(
             _write(seen, background, out)
         return seen.view.name, metrics
 
-    return dict(pipelined(measured, seen()))
+    return dict(pipelined(measured, seen(), measuring_bytes(views)))
+
+
+def measuring_bytes(views: Sequence[View]) -> int:
+    """Memory that it takes to measure the largest of some views."""
+    return BYTES_PER_PIXEL * max((view.camera.width * view.camera.height for view in views), default=0)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from PIL import Image
 
 from ..datasets.dataset import View
 from ..datasets.masks import Masks
+from ..measure.evaluate import measuring_bytes
 from ..measure.metrics import color_corrected, psnr
 from ..measure.misfit import explained, likely_cause, relative_sharpness, usual_shares
 from ..render.picture import photograph
@@ -66,6 +67,8 @@ def find_misfits(
         exposure: each view was given colours of its own, so that those of the renders are corrected first.
     """
 
+    size = measuring_bytes(views)
+
     def rendered(some: Sequence[View]) -> Iterator[_Rendered]:
         return ((view, picture(view)) for view in some)
 
@@ -82,9 +85,9 @@ def find_misfits(
         return float(psnr(image, truth, mask)), relative_sharpness(image, truth, mask)
 
     def causes(some: Sequence[View]) -> list[dict[str, float]]:
-        return pipelined(lambda of: explained(*pair(of)), rendered(some))
+        return pipelined(lambda of: explained(*pair(of)), rendered(some), size)
 
-    fits = zip(views, pipelined(fit, rendered(views)), strict=True)
+    fits = zip(views, pipelined(fit, rendered(views), size), strict=True)
     counted = {view.name: both for view, both in fits if both}
     quality, sharpness = ({name: both[k] for name, both in counted.items()} for k in range(2))
     if len(quality) < FEWEST:

@@ -58,6 +58,22 @@ def test_no_more_pieces_are_there_than_workers_and_one(cores, monkeypatch):
     assert done == 20 and max(ahead) <= min(cores, 3) + 1
 
 
+@pytest.mark.parametrize(("free", "workers"), [(None, 4), (10_000, 4), (800, 3), (500, 1), (10, 1)])
+def test_where_memory_is_scarce_there_are_fewer_workers(monkeypatch, free, workers):
+    """Half of what is free holds the pieces of all workers, and the one that is made meanwhile."""
+    monkeypatch.setattr(pipeline, "usable_cores", lambda: 4)
+    monkeypatch.setattr(pipeline, "available_memory", lambda: free)
+    seen, together = set(), threading.Barrier(workers, timeout=5)
+
+    def work(k: int) -> None:
+        seen.add(threading.current_thread())
+        if workers > 1:
+            together.wait()
+
+    pipelined(work, range(4 * workers), 100)
+    assert len(seen) == workers
+
+
 @pytest.mark.parametrize("where", ["work", "pieces"])
 def test_an_error_reaches_the_caller_when_what_has_begun_is_done_and_ends_the_rest(cores, where):
     begun, done = [], []
