@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from ..render.picture import Picture, light_of, photograph, premultiplied, radia
 from ..scene.appearance import Appearance, photographed, radii_squared
 from ..scene.cameras import Camera
 from ..support.pictures import heat_map, write_exr, write_png
+from ..support.pipeline import pipelined
 from .align import aligned
 from .half_fit import half_psnr
 from .hdr import evaluate_radiance
@@ -24,6 +25,7 @@ from .timing import milliseconds_in_turn
 
 TIMED_VIEWS = 8  # at most
 REPEATS = 3  # renders of each
+BYTES_PER_PIXEL = 700  # of a view that is measured: in float64, and what the allocator keeps for its thread
 
 
 @dataclass(frozen=True)
@@ -62,38 +64,94 @@ def evaluate_views(
             (linear colour and alpha, depth, FLIP error); None writes nothing.
         measure: what else is measured.
     """
-    results = {}
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    for view in views:
-        mask = measure.masks.of(view) if measure.masks else None
-        if mask is not None and not mask.any():
-            continue
-        rendered, truth = picture(view), photograph(view, background)
-        seen = seen_as(rendered, view)
-        metrics = results[view.name] = evaluate(seen, truth, view.name, mask)
-        if view.white is not None:
-            metrics |= evaluate_radiance(light_of(rendered), radiance_of(view, background), mask)
-        if measure.appearance is not None:
-            metrics |= _after_fits(seen, truth, view.camera, measure.appearance, mask)
-        elif measure.color_correct:
-            metrics["cc_psnr"] = psnr(color_corrected(seen, truth, mask), truth, mask)
-        if measure.align_extent is not None:
-            best = seen_as(picture(aligned(picture, view, background, measure.align_extent, mask)), view)
-            metrics["aligned_psnr"] = psnr(best, truth, mask)
-        if measure.lpips is not None:
-            metrics["lpips"] = measure.lpips(np.clip(masked(seen, truth, mask), 0, 1), truth, mask)
+
+    def seen() -> Iterator[_Seen]:
+        for view in views:
+            mask = measure.masks.of(view) if measure.masks else None
+            if mask is None or mask.any():
+                yield _see(picture, view, background, mask, measure, out is not None)
+
+    def measured(seen: _Seen) -> tuple[str, dict[str, float]]:
+        metrics = _metrics(seen, measure)
         if out is not None:
-            _, error = flip(seen, truth)
-            shown, original, errors, channels = view_files(out, view.name)
-            write_png(shown, seen)
-            write_png(original, truth)
-            write_png(errors, heat_map(error))
-            layers = {"color": premultiplied(rendered, background), "error": error}
-            if rendered.depth is not None:
-                layers["depth"] = rendered.depth
-            write_exr(channels, layers)
-    return results
+            _write(seen, background, out)
+        return seen.view.name, metrics
+
+    return dict(pipelined(measured, seen(), measuring_bytes(views)))
+
+
+def measuring_bytes(views: Sequence[View]) -> int:
+    """Memory that it takes to measure the largest of some views."""
+    return BYTES_PER_PIXEL * max((view.camera.width * view.camera.height for view in views), default=0)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A view with all of it that belongs in the thread which renders: renders, and what has threads of its own.
+
+    ``color``, ``truth``: display-referred, [H, W, 3]; ``color`` of ``aligned`` too. ``error``: the map of FLIP, [H, W],
+    of all pixels where it is written.
+    """
+
+    view: View
+    picture: Picture
+    color: np.ndarray
+    truth: np.ndarray
+    mask: np.ndarray | None
+    mean_flip: float
+    error: np.ndarray
+    radiance: dict[str, float]  # metrics of ``hdr.py``
+    aligned: np.ndarray | None
+    lpips: dict[str, float]
+
+
+def _see(
+    picture: Callable[[View], Picture],
+    view: View,
+    background: float,
+    mask: np.ndarray | None,
+    measure: Measure,
+    mapped: bool,
+) -> _Seen:
+    rendered, truth = picture(view), photograph(view, background)
+    color = seen_as(rendered, view)
+    mean_flip, error = flip(color, truth, mask, view.name)
+    if mapped and mask is not None:
+        _, error = flip(color, truth, name=view.name)
+    radiance, aligned_color, lpips = {}, None, {}
+    if view.white is not None:
+        radiance = evaluate_radiance(light_of(rendered), radiance_of(view, background), mask)
+    if measure.align_extent is not None:
+        best = aligned(picture, view, background, measure.align_extent, mask)
+        aligned_color = seen_as(picture(best), view)
+    if measure.lpips is not None:
+        lpips = {"lpips": measure.lpips(np.clip(masked(color, truth, mask), 0, 1), truth, mask)}
+    return _Seen(view, rendered, color, truth, mask, mean_flip, error, radiance, aligned_color, lpips)
+
+
+def _metrics(seen: _Seen, measure: Measure) -> dict[str, float]:
+    color, truth, mask = seen.color, seen.truth, seen.mask
+    metrics = evaluate(color, truth, seen.view.name, mask, seen.mean_flip) | seen.radiance
+    if measure.appearance is not None:
+        metrics |= _after_fits(color, truth, seen.view.camera, measure.appearance, mask)
+    elif measure.color_correct:
+        metrics["cc_psnr"] = psnr(color_corrected(color, truth, mask), truth, mask)
+    if seen.aligned is not None:
+        metrics["aligned_psnr"] = psnr(seen.aligned, truth, mask)
+    return metrics | seen.lpips
+
+
+def _write(seen: _Seen, background: float, out: Path) -> None:
+    shown, original, errors, channels = view_files(out, seen.view.name)
+    write_png(shown, seen.color)
+    write_png(original, seen.truth)
+    write_png(errors, heat_map(seen.error))
+    layers = {"color": premultiplied(seen.picture, background), "error": seen.error}
+    if seen.picture.depth is not None:
+        layers["depth"] = seen.picture.depth
+    write_exr(channels, layers)
 
 
 def view_files(folder: Path, name: str) -> list[Path]:

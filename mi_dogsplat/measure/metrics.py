@@ -26,7 +26,11 @@ SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
 
 
 def evaluate(
-    image: ArrayLike, truth: ArrayLike, name: str = "image", mask: ArrayLike | None = None
+    image: ArrayLike,
+    truth: ArrayLike,
+    name: str = "image",
+    mask: ArrayLike | None = None,
+    mean_flip: float | None = None,
 ) -> dict[str, float]:
     """All metrics of one view, as plain floats that JSON can hold.
 
@@ -34,12 +38,14 @@ def evaluate(
     :param truth: photograph [H, W, 3]
     :param name: what an error message calls the render (the name of the view)
     :param mask: pixels that count [H, W], at least one; None: all
+    :param mean_flip: what ``flip`` gave for these, where it is known; None: it is asked
     :return: ``psnr`` in dB, at most ``PSNR_CAP``; ``ssim``, 1 if identical;
         ``flip`` and ``l1``, 0 if identical
     :raises ValueError: shapes differ, or a value is NaN or infinite
     """
     a, b = _displayed(image, truth, name)
-    return {"psnr": psnr(a, b, mask), "ssim": ssim(a, b, mask), "flip": flip(a, b, mask)[0], "l1": l1(a, b, mask)}
+    mean_flip = flip(a, b, mask)[0] if mean_flip is None else mean_flip
+    return {"psnr": psnr(a, b, mask), "ssim": ssim(a, b, mask), "flip": mean_flip, "l1": l1(a, b, mask)}
 
 
 def l1(image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> float:
@@ -80,10 +86,13 @@ def ssim_map(image: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
 
 
 def flip(
-    image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None
+    image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None, name: str = "image"
 ) -> tuple[float, NDArray[np.float32]]:
-    """LDR-FLIP (Andersson et al. 2020), 67 pixels per degree: the mean, and the error map [H, W] in 0..1."""
-    a, b = _displayed(masked(image, truth, mask), truth)
+    """LDR-FLIP (Andersson et al. 2020), 67 pixels per degree: the mean, and the error map [H, W] in 0..1.
+
+    The library has threads of its own, and holds Python's lock meanwhile. ``name`` is that of ``evaluate``.
+    """
+    a, b = _displayed(masked(image, truth, mask), truth, name)
     error, _, _ = flip_evaluator.evaluate(  # reference first; inputsRGB: values are sRGB encoded, not linear
         np.ascontiguousarray(b, np.float32),
         np.ascontiguousarray(a, np.float32),

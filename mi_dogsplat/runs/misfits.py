@@ -7,7 +7,7 @@ beside it are ``NAME.png`` (the render), ``NAME_gt.png`` and ``NAME_error.png`` 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,12 +16,14 @@ from PIL import Image
 
 from ..datasets.dataset import View
 from ..datasets.masks import Masks
+from ..measure.evaluate import measuring_bytes
 from ..measure.metrics import color_corrected, psnr
 from ..measure.misfit import explained, likely_cause, relative_sharpness, usual_shares
 from ..render.picture import photograph
 from ..report.run_folder import MISFITS
 from ..support.files import write_json
 from ..support.pictures import heat_map, write_png
+from ..support.pipeline import pipelined
 
 FEWEST = 5  # views that tell what is usual
 PER_STEPS = 20  # training steps for each view that is looked at: a fiftieth of the time, or so
@@ -33,6 +35,8 @@ LEAST_SHARPNESS = 0.7  # of a logarithm: a photograph of half of the fine detail
 MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 SIDE = 400  # longer side of the pictures, pixels
 ERROR_FULL = 0.25  # mean absolute error of a pixel that is the palest in the picture
+
+_Rendered = tuple[View, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -63,28 +67,38 @@ def find_misfits(
         exposure: each view was given colours of its own, so that those of the renders are corrected first.
     """
 
-    def pair(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    size = measuring_bytes(views)
+
+    def rendered(some: Sequence[View]) -> Iterator[_Rendered]:
+        return ((view, picture(view)) for view in some)
+
+    def pair(of: _Rendered) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        view, image = of
         mask, truth = masks.of(view) if masks else None, photograph(view, background)
-        image = np.clip(picture(view), 0, 1)
+        image = np.clip(image, 0, 1)
         return (np.asarray(color_corrected(image, truth, mask)) if exposure else image), truth, mask
 
-    quality: dict[str, float] = {}
-    sharpness: dict[str, float] = {}
-    for view in views:
-        image, truth, mask = pair(view)
-        if mask is None or mask.any():
-            quality[view.name] = float(psnr(image, truth, mask))
-            sharpness[view.name] = relative_sharpness(image, truth, mask)
+    def fit(of: _Rendered) -> tuple[float, float] | None:
+        image, truth, mask = pair(of)
+        if mask is not None and not mask.any():
+            return None
+        return float(psnr(image, truth, mask)), relative_sharpness(image, truth, mask)
+
+    def causes(some: Sequence[View]) -> list[dict[str, float]]:
+        return pipelined(lambda of: explained(*pair(of)), rendered(some), size)
+
+    fits = zip(views, pipelined(fit, rendered(views), size), strict=True)
+    counted = {view.name: both for view, both in fits if both}
+    quality, sharpness = ({name: both[k] for name, both in counted.items()} for k in range(2))
     if len(quality) < FEWEST:
         return quality, []
     poor, blurred = _low(quality, LEAST_PSNR), _low(sharpness, LEAST_SHARPNESS)
     found = [view for view in views if view.name in poor | blurred]
     rest = [view for view in views if view.name in quality.keys() - poor - blurred]
     some = rest[:: max(1, len(rest) // USUAL_VIEWS)] if found else []
-    usual = usual_shares([explained(*pair(view)) for view in some])
+    usual = usual_shares(causes(some))
     middle, misfits = float(np.median(list(quality.values()))), []
-    for view in found:
-        shares = explained(*pair(view))
+    for view, shares in zip(found, causes(found), strict=True):
         cause = likely_cause(shares, usual) or ("blur" if view.name in blurred else "")
         beyond = max(0.0, shares[cause] - usual[cause]) if cause else 0.0
         misfits.append(Misfit(view.name, quality[view.name], middle - quality[view.name], cause, beyond))

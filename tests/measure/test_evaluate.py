@@ -1,12 +1,16 @@
 """Metrics and pictures of views: means, backgrounds, files."""
 
+import flip_evaluator
 import numpy as np
 import OpenEXR
 import pytest
 import tiny_data
 from mi_dogsplat.datasets.dataset import View
-from mi_dogsplat.measure.evaluate import evaluate_views, mean_metrics, render_milliseconds
+from mi_dogsplat.datasets.masks import Masks
+from mi_dogsplat.measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from mi_dogsplat.render.picture import Picture
+from mi_dogsplat.support import pipeline
+from mi_dogsplat.support.files import PART
 from mi_dogsplat.support.srgb import srgb_to_linear
 from PIL import Image
 
@@ -87,6 +91,58 @@ def test_a_render_that_is_not_finite_is_told_by_the_name_of_its_view():
     image = noise(0)
     with pytest.raises(ValueError, match="lion.*NaN"):
         evaluate_views(lambda v: flat(np.full_like(v.image, np.nan)), [view("lion", image)], 0.0)
+
+
+def test_threads_measure_and_write_what_is_measured_one_by_one(tmp_path, monkeypatch):
+    views = [view(f"{k}", noise(k, height=40, width=60)) for k in range(7)]
+    views[3] = view("3", noise(3, height=20, width=30))
+    masks = Masks(mask_folder(tmp_path / "masks"), views)
+    for measure in (Measure(), Measure(masks, color_correct=True, align_extent=1.0)):
+        found = []
+        for cores in (1, 3):
+            monkeypatch.setattr(pipeline, "usable_cores", lambda cores=cores: cores)
+            out = tmp_path / f"{cores}"
+            metrics = evaluate_views(lambda v: flat(1 - v.image, depth=True), views, 0.0, out, measure)
+            found.append((list(metrics.items()), {path.name: path.read_bytes() for path in out.iterdir()}))
+        assert found[0] == found[1] and len(found[0][0]) == (7 if measure.masks is None else 6)
+
+
+def mask_folder(folder):
+    folder.mkdir()
+    for name, grey in (("1", 0), ("2", 255)):
+        pixels = np.full((40, 60), grey, np.uint8)
+        pixels[:20, :30] = grey
+        pixels[20:, 30:] = grey // 2
+        Image.fromarray(pixels).save(folder / f"{name}.png")
+    return folder
+
+
+@pytest.mark.parametrize("cores", [1, 3])
+def test_a_picture_that_cannot_be_written_is_an_error_and_leaves_no_part(tmp_path, monkeypatch, cores):
+    monkeypatch.setattr(pipeline, "usable_cores", lambda: cores)
+    (tmp_path / "1.exr").mkdir()  # where a file should be
+    views = [view(f"{k}", noise(k)) for k in range(9)]
+    with pytest.raises(OSError, match=r"1\.exr"):
+        evaluate_views(lambda v: flat(v.image), views, 0.0, tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert "0.exr" in names and "8.png" not in names and not any(name.endswith(PART) for name in names)
+
+
+def test_flip_is_evaluated_once_for_a_view_and_twice_where_its_map_has_more_pixels_than_its_mean(tmp_path, monkeypatch):
+    calls = []
+
+    def counted(*args, **how):
+        calls.append(args)
+        return flip_of_library(*args, **how)
+
+    flip_of_library = flip_evaluator.evaluate
+    monkeypatch.setattr(flip_evaluator, "evaluate", counted)
+    views = [view("2", noise(2, height=40, width=60))]
+    masks = Masks(mask_folder(tmp_path / "masks"), views)
+    for out, measure, times in ((tmp_path, Measure(), 1), (tmp_path, Measure(masks), 2), (None, Measure(masks), 1)):
+        calls.clear()
+        evaluate_views(lambda v: flat(1 - v.image), views, 0.0, out, measure)
+        assert len(calls) == times
 
 
 def test_render_time_is_the_median_after_a_warm_up(monkeypatch):

@@ -13,6 +13,7 @@ from mi_dogsplat.report.run_folder import MISFITS
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.runs.misfits import FEWEST, find_misfits, write_misfits
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.support import pipeline
 from scipy.ndimage import gaussian_filter, shift
 from splat_scenes import make_splats, rounded
 
@@ -93,6 +94,16 @@ def test_what_is_masked_does_not_count_and_colours_that_are_learnt_are_not_held_
     names = {misfit.name for misfit in misfits(scene, planted=True, masks=Masks())[1]}
     assert names == {"02", "04", "06"}
     assert "04" not in {misfit.name for misfit in misfits(scene, planted=True, exposure=True)[1]}
+
+
+@pytest.mark.parametrize("exposure", [False, True])
+def test_threads_find_what_is_found_one_by_one(scene, monkeypatch, exposure):
+    found = []
+    for cores in (1, 3):
+        monkeypatch.setattr(pipeline, "usable_cores", lambda cores=cores: cores)
+        quality, views = misfits(scene, planted=True, exposure=exposure)
+        found.append((list(quality.items()), views))
+    assert found[0] == found[1] and found[0][1]
 
 
 def test_a_blurred_image_is_found_where_the_model_is_not_sharp_and_shows_it_better_than_others(scene):
