@@ -44,7 +44,7 @@ def main(argv: list[str] | None = None) -> int:
     if optix is not None:
         cores = int(new["machine"]["cores"])
         chosen = steps(Setup(args.work, _data(args), cores, args.offline, args.quick), optix)
-        session.run([step for step in chosen if not args.only or step.name in args.only], optix)
+        session.run([step for step in chosen if (step.name in args.only if args.only else not step.asked)], optix)
     print(f"report: {args.out / report.PAGE}")
     return 1 if report.failed(session.report) else 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 from collections import Counter
@@ -12,6 +13,7 @@ from typing import Any
 OUTCOME = re.compile(r"\b(PASSED|FAILED|ERROR|SKIPPED|XFAIL|XPASS)\b")
 TEST = re.compile(r"\btests/\S+\.py(::\S+)?")
 FIGURES = ("psnr", "ssim", "flip")
+COMPARED = ("method", "seed", "n", "megabytes", *FIGURES, "train_seconds", "peak_memory_mb")
 
 
 @dataclass(frozen=True)
@@ -71,3 +73,23 @@ def training(run: Path, log: Path) -> Result:
     row |= {name: metrics["test"].get(name) for name in FIGURES}
     row |= {"MB": metrics["bytes"] / 1e6, "render, ms": metrics["render_ms"]}
     return Result(f"complete, {settings['steps']:,} steps", [row])
+
+
+def comparison(folder: Path, log: Path) -> Result:
+    """The methods that a comparison has measured so far."""
+    file = folder / "comparison.csv"
+    if not file.is_file():
+        return last_line(log)
+    with file.open(encoding="utf-8", newline="") as lines:
+        rows = [{name: _number(row[name]) for name in COMPARED} for row in csv.DictReader(lines)]
+    return Result(last_line(log).says, rows)
+
+
+def _number(text: str) -> str | int | float | None:
+    """Of a cell: a number where it is one, nothing where it is empty."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text or None

@@ -42,6 +42,7 @@ class Step:
         after: name of a step that has to have passed.
         aside: it runs beside the steps that follow, until one has to be alone.
         alone: what it measures depends on what else runs.
+        asked: it is run only where it is asked for by its name.
         bounded: being stopped at its limit is no failure: what was done until then counts.
         untold: exit status that says in the last line why there is nothing to tell.
         keep: files that are copied beside the report.
@@ -58,6 +59,7 @@ class Step:
     after: str = ""
     aside: bool = False
     alone: bool = False
+    asked: bool = False
     bounded: bool = False
     untold: int | None = None
     keep: tuple[Path, ...] = ()
@@ -87,7 +89,8 @@ PROBE = Step("probe", "Dr.Jit on the GPU", [sys.executable, "-m", "scripts.gpu.p
 
 def steps(setup: Setup, optix: bool) -> list[Step]:
     """What follows on the probe, which has told whether there is OptiX."""
-    return [_gsplat(setup), *_tests(setup), *_checks(setup), *_benchmarks(setup), *_training(setup, optix)]
+    first = [_gsplat(setup), *_tests(setup), *_checks(setup), *_benchmarks(setup)]
+    return [*first, *_training(setup, optix), *_comparison(setup)]
 
 
 def _python(*words: object) -> list[str]:
@@ -172,3 +175,18 @@ def _training(setup: Setup, optix: bool) -> list[Step]:
             keep=tuple(run / name for name in ("history.jsonl", "metrics.json", "report.html")),
         ),
     ]
+
+
+def _comparison(setup: Setup) -> list[Step]:
+    """3DGS with our step sizes and a tenth by the best preset, from one start, without a cap and in full size."""
+    if setup.data is None or not (setup.data / "sparse").is_dir():
+        return []
+    out = setup.work / ("compared_quick" if setup.quick else "compared")
+    size = ["--max-primitives", 300, "--downscale", 4, "--steps", 20] if setup.quick else ["--steps", 30000]
+    command = _python("-m", "mi_dogsplat", "compare", setup.data, "-o", out, "--variant", "cuda_ad_rgb", *size)
+    # what is measured on the way, and checkpoints, would be a part of the time
+    command += ["--max-world-scale", "inf", "--test-every", "1000000", "--checkpoint-seconds", "1000000"]
+    command += ["--only", "3dgs_equal", "ours_shifts"]
+    keep = tuple(out / f"comparison.{end}" for end in ("md", "csv", "html"))
+    read = partial(results.comparison, out)
+    return [Step("comparison", "Comparison", command, 3600, 60, read, alone=True, asked=True, bounded=True, keep=keep)]

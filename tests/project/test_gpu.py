@@ -169,6 +169,25 @@ def test_a_training_says_how_far_it_is_and_then_how_good(tmp_path):
 
 
 @pytest.mark.parametrize("quick", [False, True])
+def test_photographs_can_be_compared_on_where_that_is_asked_for(tmp_path, quick):
+    (tmp_path / "photographs" / "sparse").mkdir(parents=True)
+    chosen = steps(Setup(tmp_path, tmp_path / "photographs", 4, True, quick), optix=True)
+    assert [step.name for step in chosen if step.asked] == ["comparison"]
+    assert not any(step.asked for step in steps(Setup(tmp_path, tmp_path, 4, True, quick), optix=True))
+
+
+def test_a_comparison_tells_what_it_has_measured_so_far(tmp_path):
+    log = tmp_path / "log"
+    log.write_text("1/4 densified start: done\n")
+    assert results.comparison(tmp_path, log).says == "1/4 densified start: done"
+    names = "data,method,seed,n,megabytes,psnr,ssim,flip,lpips,train_seconds,peak_memory_mb"
+    (tmp_path / "comparison.csv").write_text(f"{names}\nbonsai,3dgs_equal,0,600,0.15,10.5,0.13,0.58,,3.6,\n")
+    (row,) = results.comparison(tmp_path, log).rows
+    assert row["method"] == "3dgs_equal" and row["n"] == 600 and row["psnr"] == 10.5
+    assert row["peak_memory_mb"] is None
+
+
+@pytest.mark.parametrize("quick", [False, True])
 def test_the_steps_name_what_is_there(tmp_path, quick):
     chosen = steps(Setup(tmp_path, None, 4, True, quick), optix=False)
     names = [step.name for step in chosen]
