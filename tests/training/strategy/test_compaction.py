@@ -55,6 +55,7 @@ def test_a_run_ends_with_a_file_of_its_size_and_tells_its_parts(data, tmp_path, 
         assert read.n_splats == metrics["n"] and read.sh_degree == max(np.flatnonzero(allocated[-1]["degrees"]))
 
 
+@pytest.mark.usefixtures("ordered")
 def test_a_run_that_is_resumed_makes_the_same_choices(data, tmp_path):
     config = config_of(data, format="spz", target="900B", steps=60)
     whole, rows = Trainer(config, load_dataset(data)), []
