@@ -7,6 +7,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from mi_dogsplat.support.wording import counted
+
 PAGE, DATA = "report.md", "report.json"
 GOOD = ("passed", "not run", "stopped")
 
@@ -30,7 +32,7 @@ def markdown(report: dict[str, Any]) -> str:
     lines = [f"## On a GPU: {machine['gpu']}", ""]
     lines += [
         f"**Machine**: {machine['gpu']}, {machine['gpu_memory_mb']:,} MiB, driver {machine['driver']}; "
-        f"{machine['processor']}, {machine['cores']} cores; {machine['system']}"
+        f"{machine['processor']}, {counted(machine['cores'], 'core')}; {machine['system']}"
         + "".join(f", {name} {version}" for name, version in versions.items())
         + f". `{report['command']}`, commit {report['commit']}.",
         "",
