@@ -16,7 +16,7 @@ import drjit as dr
 
 from .arrays import array_types, constant, detached
 from .cuts import LOG2_LARGEST
-from .geometry import Grid
+from .geometry import Blocks, Grid
 from .project import NO_ROW, Kernels, Projection
 
 SLACK = 1e-3  # px, above the rounding error of the spans
@@ -41,11 +41,16 @@ class _Ellipses:
         covariance = self.slope * column(kernels.variance_y)
         self.y_right = covariance / column(kernels.variance_x) * self.extent_x
 
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> _Ellipses:
+        """Those whose ``vars`` are these."""
+        found = cls.__new__(cls)
+        vars(found).update(values)
+        return found
+
     def at(self, chosen: Callable[[Any], Any]) -> _Ellipses:
         """The same of ``chosen`` kernels."""
-        found = copy.copy(self)
-        vars(found).update({name: chosen(value) for name, value in vars(self).items()})
-        return found
+        return self.of({name: chosen(value) for name, value in vars(self).items()})
 
     def span(self, y0, y1) -> tuple:
         """Leftmost and rightmost dx of the ellipse within dy in [y0, y1]; (inf, -inf) where it misses the band."""
@@ -91,6 +96,15 @@ class Footprints:
     def kept(self) -> list:
         """What the spans are made of."""
         return [self.x, self.y, self.first, self.last, *(vars(ellipse) for ellipse in self.ellipses)]
+
+    @classmethod
+    def of(cls, kept: list, tiles_x: Any, blocks: Blocks) -> Footprints:
+        """Of what ``kept`` gave: a frozen function takes arrays alone."""
+        found = cls.__new__(cls)
+        found.blocks, found.types, found.tiles_x = blocks, array_types(), tiles_x
+        found.x, found.y, found.first, found.last, *ellipses = kept
+        found.ellipses = [_Ellipses.of(values) for values in ellipses]
+        return found
 
     def in_rows(self, rows: range) -> Footprints:
         """The same, of the tile rows ``rows`` alone."""

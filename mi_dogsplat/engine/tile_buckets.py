@@ -8,19 +8,24 @@ many primitives in a tile have nearly the same depth. So the lists are exact, an
 
 A primitive's rows of tiles are shared out to ``ROWS_AT_ONCE`` lanes, so that none is alone with a primitive that covers
 the image.
+
+What visits the tiles is frozen: a GPU waits while it is traced. For that Dr.Jit copies what isects are written to, on
+the device.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import drjit as dr
 
 from .arrays import array_types, constant, while_loop
 from .footprints import Footprints
-from .geometry import Grid
+from .frozen import frozen
+from .geometry import Blocks, Grid
 
 ROWS_AT_ONCE = 8  # lanes per primitive
 DEPTHS = 256  # buckets of a tile
@@ -56,36 +61,70 @@ def sort_into_buckets(footprints: Footprints, depth_bits: Any, grid: Grid, padde
         seen = footprints.first < footprints.last
         dr.scatter_reduce(dr.ReduceOp.Max, ends_of_depths, bits, k, seen, mode=dr.ReduceMode.Local)
     dr.eval(depth_bits, footprints.kept(), ends_of_depths)
-    # one too many, and each number one further than its bucket: the sums are where buckets begin, and last, their end
-    numbers = dr.zeros(UInt, grid.n_tiles * DEPTHS + 1)
-    rows = _Rows(footprints, depth_bits, ends_of_depths)
-    rows.for_each_tile(lambda bucket, *_: dr.scatter_add(numbers, 1, bucket + 1), "count")
-    ends = dr.cumsum(numbers)
+    # a literal that is gathered from is copied first
+    given = footprints.kept(), footprints.tiles_x, grid.blocks, depth_bits, ends_of_depths, constant(UInt, "first", 0)
+    rows = _Given(*given, _lanes(dr.width(depth_bits)))
+    ends = _counted(rows, grid.n_tiles)
     n_isects = int(ends[dr.width(ends) - 1])
     if n_isects == 0:
         return None
-    entries = dr.empty(UInt, 4 * n_isects)
+    ends, entries = _written(rows, ends, dr.empty(UInt, 4 * n_isects))
+    return Buckets(ends, *_in_order(entries, ends, n_isects, padded))
+
+
+@lru_cache(maxsize=2)
+def _lanes(n: int) -> Any:
+    """A zero for each lane of ``n`` primitives. A frozen kernel has as many lanes as what it reads, or a multiple: with
+    nothing of this size it takes the multiple of something else, and then a wrong number (Dr.Jit 1.5)."""
+    return dr.opaque(dr.cuda.UInt8, 0, n * ROWS_AT_ONCE)
+
+
+@dataclass(frozen=True)
+class _Given:
+    """What the rows of tiles of the primitives are made of, for frozen functions; ``first`` is a zero."""
+
+    footprints: list
+    tiles_x: Any
+    blocks: Blocks
+    depth_bits: Any
+    ends_of_depths: Any
+    first: Any
+    lanes: Any
+
+
+@frozen
+def _counted(given: _Given, n_tiles: int) -> Any:
+    """Where buckets begin, and last, the end of the last one."""
+    # one too many, and each number one further than its bucket
+    numbers = dr.zeros(array_types().UInt, n_tiles * DEPTHS + 1)
+    _Rows(given).for_each_tile(lambda bucket, *_: dr.scatter_add(numbers, 1, bucket + 1), "count")
+    return dr.cumsum(numbers)
+
+
+@frozen
+def _written(given: _Given, ends: Any, entries: Any) -> tuple:
+    """(ends of the buckets that begin at ``ends``, their isects in any order)."""
+    rows = _Rows(given)
 
     def emit(bucket, column, blocks):
         entry = array_types().UIntQuad(rows.bits, rows.splat, bucket, rows.footprints.lane_mask(blocks, column))
         dr.scatter(entries, entry, dr.scatter_inc(ends, bucket))
 
     rows.for_each_tile(emit, "emit")
-    return Buckets(ends, *_in_order(entries, ends, n_isects, padded))
+    return ends, entries
 
 
 class _Rows:
     """Trace-time helper: every ``ROWS_AT_ONCE``-th row of tiles of a primitive, one lane each."""
 
-    def __init__(self, footprints: Footprints, depth_bits: Any, ends_of_depths: Any):
+    def __init__(self, given: _Given):
         types = array_types()
         self.UInt, self.Int = types.UInt, types.Int
-        lane = dr.arange(self.UInt, dr.width(depth_bits) * ROWS_AT_ONCE)
+        lane = dr.arange(self.UInt, dr.width(given.lanes)) + self.UInt(given.lanes)
         self.splat, self.first = lane // ROWS_AT_ONCE, self.Int(lane % ROWS_AT_ONCE)
-        self.bits = dr.gather(self.UInt, depth_bits, self.splat)
-        self.footprints = footprints.at(self.splat)
-        first = constant(self.UInt, "first", 0)  # where a literal is gathered from, Dr.Jit copies it
-        flipped, farthest = dr.gather(types.UIntPair, ends_of_depths, first)
+        self.bits = dr.gather(self.UInt, given.depth_bits, self.splat)
+        self.footprints = Footprints.of(given.footprints, given.tiles_x, given.blocks).at(self.splat)
+        flipped, farthest = dr.gather(types.UIntPair, given.ends_of_depths, given.first)
         scale = DEPTHS / (types.Float(farthest - ~flipped) + 1)
         self.depth = dr.minimum(self.Int(types.Float(self.bits - ~flipped) * scale), DEPTHS - 1)
 

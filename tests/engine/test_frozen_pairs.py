@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.engine.arrays import detached
-from mi_dogsplat.engine.bands import WalkableView
+from mi_dogsplat.engine.bands import PreparedView, WalkableView
 from mi_dogsplat.engine.frozen import Frozen
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import device_array, upload
@@ -61,6 +61,14 @@ def view_of(
 ) -> WalkableView:
     splats = model(dog_share, slope_share, cut_share, second_cut_share, curvature_share)
     return prepare(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen), blocks)
+
+
+def listed(n=10, width=16, height=12, dog_share=0.5) -> np.ndarray:
+    splats = rounded(random_splats(n, 3, 1, dog_share))
+    camera = DeviceCamera.upload(make_camera(width, height, f=14.0))
+    view = prepare(upload(splats), camera, options(splats))
+    assert isinstance(view, PreparedView)
+    return np.concatenate([part.numpy() for part in (view.lists.splat_from_isect, view.lists.begin, view.lists.end)])
 
 
 def planes(order: str) -> list:
@@ -184,6 +192,9 @@ def stepped(n=6, sizes=(3, 1), rows=False, order="abcd", t=(2, 2), **numbers) ->
 
 
 SIZES = ({}, *({"width": w, "height": h} for w, h in ((5, 9), (15, 3), (1, 1))))
+# more and fewer primitives than tiles, and once both
+LISTS = ({}, {"n": 1}, {"n": 7}, {"n": 41}, {"n": 300}, {"width": 90, "height": 70}, {"n": 300, "width": 90},
+         {"dog_share": 0, "n": 40}, {"dog_share": 0, "n": 299})
 CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_composite": (blended, SLOPED),
     "_composite_backward": (adjoints, (*SLOPED, *({"order": o} for o in ("aaaa", "abab", "abba", "abaa", "abbb")))),
@@ -193,6 +204,8 @@ CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_composite_aovs": (found, (*OPTIONS[:-1], *({"names": (name,)} for name in ("median_depth", "index", "count")),
                                 {"names": ("index", "count")}, {"names": ("count", "dog_share")})),
     "_composite_fisher": (products, (*SLOPED, {"order": "aba"}, {"order": "abb"}, {"order": "aab"})),
+    "_counted": (listed, LISTS),
+    "_written": (listed, LISTS),
     "_rows_and_moments": (target, (*SIZES, {"letters": "xxy"})),
     "_sums_and_gradient": (pulled, (*SIZES, {"dssim_weight": 0}, {"dssim_weight": 1}, {"order": "aaa"},
                                     {"letters": "abc"})),
