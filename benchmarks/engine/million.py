@@ -59,6 +59,7 @@ def main(flags: Sequence[str]) -> None:
         print(f"| {' | '.join(cells)} |", flush=True)
         if args.json:
             args.json.write_text(json.dumps(rows), encoding="utf-8")
+    print(f"{len(rows)} rows")
 
 
 def measured(args: argparse.Namespace) -> dict[str, Any]:

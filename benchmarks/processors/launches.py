@@ -172,6 +172,7 @@ def main(arguments: list[str]) -> None:
                 print(f"{stage:20} {kind:10} {lanes:9,d} lanes {operations:6d} operations {ms:9.4f} ms")
     if args.json:
         args.json.write_text(json.dumps(found), encoding="utf-8")
+        print(f"{len(found)} rows")
 
 
 def trainer_of(n: int, width: int, height: int, dog: bool) -> Trainer:

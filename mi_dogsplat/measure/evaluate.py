@@ -67,7 +67,7 @@ def evaluate_views(
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
 
-    def seen() -> Iterator[_Seen]:
+    def each_seen() -> Iterator[_Seen]:
         for view in views:
             mask = measure.masks.of(view) if measure.masks else None
             if mask is None or mask.any():
@@ -79,7 +79,7 @@ def evaluate_views(
             _write(seen, background, out)
         return seen.view.name, metrics
 
-    return dict(pipelined(measured, seen(), measuring_bytes(views)))
+    return dict(pipelined(measured, each_seen(), measuring_bytes(views)))
 
 
 def measuring_bytes(views: Sequence[View]) -> int:
