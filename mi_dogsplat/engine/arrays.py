@@ -29,8 +29,7 @@ class ArrayTypes:
     UInt: Any
     UIntPair: Any
     UIntQuad: Any
-    Pair: Any  # of floats
-    Quad: Any
+    Quad: Any  # of floats
     Floats: Any  # any number of them
     UInts: Any
 
@@ -45,8 +44,8 @@ def _of_variant(Float: Any) -> ArrayTypes:
     is_llvm = dr.backend_v(Float) == dr.JitBackend.LLVM
     module: Any = dr.llvm if is_llvm else dr.cuda
     scalars = module.Float, module.Float64, module.Int, module.UInt
-    whole, floats = (module.Array2u, module.Array4u), (module.Array2f, module.Array4f)
-    return ArrayTypes(is_llvm, *scalars, *whole, *floats, module.ArrayXf, module.ArrayXu)
+    whole, floats = (module.Array2u, module.Array4u), (module.Array4f, module.ArrayXf)
+    return ArrayTypes(is_llvm, *scalars, *whole, *floats, module.ArrayXu)
 
 
 @lru_cache(maxsize=256)

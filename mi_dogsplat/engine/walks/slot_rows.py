@@ -33,7 +33,7 @@ class SlotRows:
 
     @property
     def row_size(self) -> int:
-        """Floats: the columns and padding, for wide loads, and where they are added at once for wide scatters."""
+        """Floats: the columns and padding, for wide loads and wide scatters."""
         if self.lists.one_slot_each:
             return -(-self.columns // 4) * 4
         return max(4, 1 << (self.columns - 1).bit_length())
@@ -41,22 +41,15 @@ class SlotRows:
     def add(self, slot, values: list, active) -> None:
         """Add a value per column to the row ``slot``.
 
-        One wide scatter instead of one per value; on CUDA several, as wide as a GPU adds at once. The lanes of a warp
-        that add to one row are joined first (``Local``): where many do, as in a large primitive, each for itself takes
-        three times as long, and a fifth less where few do (docs/performance.md).
+        One wide scatter instead of one per value. On CUDA the lanes of a warp that add to one row are joined first
+        (``Local``). They ask each other once which of them do, if the row is a multiple of four floats: else Dr.Jit
+        takes it apart, and they ask for each value (docs/performance.md).
         Never in mode ``Expand``, nor ``Auto`` which may choose it: they give every thread a copy of the table at an
         offset that a frozen kernel holds as a constant. Replayed with a larger table it writes out of bounds
         (Dr.Jit 1.5).
         """
         types = array_types()
         mode = dr.ReduceMode.NoConflicts if self.in_turn else dr.ReduceMode.Local
-        if self.lists.one_slot_each:
-            kinds = {4: types.Quad, 2: types.Pair}
-            for first, size in packets(self.columns):
-                index = dr.fma(slot, self.row_size // size, first // size)
-                packet = kinds[size](values[first : first + size]) if size > 1 else values[first]
-                dr.scatter_add(self.values, packet, index, active, mode=mode)
-            return
         padded = [*values, *[types.Float(0)] * (self.row_size - self.columns)]
         dr.scatter_add(self.values, types.Floats(padded), slot, active, mode=mode)
 
@@ -94,16 +87,6 @@ def _columns_at(table, row, columns: int, row_size: int) -> list:
     for k in range(-(-columns // 4)):
         values += list(dr.gather(array_types().Quad, table, dr.fma(row, row_size // 4, k)))
     return values[:columns]
-
-
-def packets(columns: int) -> list[tuple[int, int]]:
-    """(first, number of) columns that are added at once: four as long as there are as many, then two, then one."""
-    found, first = [], 0
-    for size in (4, 2, 1):
-        while columns - first >= size:
-            found.append((first, size))
-            first += size
-    return found
 
 
 def zeros_for(values: Any, count: int) -> Any:
