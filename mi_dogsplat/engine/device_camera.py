@@ -103,6 +103,10 @@ class DeviceCamera:
             numbers=(*numbers, camera.width, camera.height, perspective),
         )  # fmt: skip
 
+    def anonymous(self) -> DeviceCamera:
+        """What the projection reads, the nudge apart: no numbers by which one camera could be told from another."""
+        return replace(self, width=0, height=0, numbers=(), nudge=None)
+
     def offset(self, points: list) -> list:
         """From the camera centre to points, before anything is multiplied: far from the origin W μ + t would cancel."""
         of_axes = zip(points, self.position, self.position_rest, strict=True)

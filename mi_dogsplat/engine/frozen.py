@@ -22,6 +22,7 @@ from typing import Any, Generic, ParamSpec, TypeVar
 
 import drjit as dr
 
+KINDS_KEPT = 16  # of a function that is recorded for sizes
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -32,24 +33,34 @@ class Frozen(Generic[P, R]):
 
     A literal array that has had different values is none from then on: what a call launches depends on the calls of its
     kind before it.
+
+    ``for_sizes``: arrays of other sizes are another kind, and only the latest kinds are kept. For functions with arrays
+    whose size does not follow from what a kernel reads, such as those in which gradients add up: replayed with other
+    arguments, Dr.Jit would give them the size that they had when the function was recorded.
     """
 
-    def __init__(self, function: Callable[P, R]):
+    def __init__(self, function: Callable[P, R], for_sizes: bool = False):
         functools.update_wrapper(self, function)
-        self._function = function
+        self._function, self._for_sizes = function, for_sizes
         self._recordings: dict[str, Callable[..., R]] = {}
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Raises ``TypeError`` for an argument whose kind cannot be told."""
+        """Raises ``TypeError`` for an argument whose kind cannot be told, and what the function raises."""
         kind, arrays = described((args, kwargs))
+        if self._for_sizes:
+            kind = f"{kind} {[len(array) for array in arrays]}"
         recording = self._recordings.get(kind)
         if recording is None:
             call = _Call(self._function, args, kwargs, arrays)
+            if self._for_sizes and len(self._recordings) == KINDS_KEPT:
+                del self._recordings[next(iter(self._recordings))]
             recording = self._recordings[kind] = dr.freeze(call.of_arrays, warn_after=1 << 30)
         collecting = gc.isenabled()
         gc.disable()
         try:
             return recording(*arrays)
+        except RuntimeError as error:  # Dr.Jit's own takes the place of that which ended a recording
+            raise error.__cause__ or error from None
         finally:
             if collecting:
                 gc.enable()
@@ -142,3 +153,8 @@ def _field_names(kind: type) -> tuple[str, ...]:
 def frozen(function: Callable[P, R]) -> Frozen[P, R]:
     """Decorator."""
     return Frozen(function)
+
+
+def frozen_for_sizes(function: Callable[P, R]) -> Frozen[P, R]:
+    """Decorator; recorded anew for arrays of other sizes."""
+    return Frozen(function, for_sizes=True)

@@ -18,7 +18,8 @@ from .drjit_internals import held
 from .geometry import Blocks, Grid
 from .normals import normals
 from .options import RasterOptions, Settings
-from .project import DeviceCamera, Projection, project
+from .project import DeviceCamera, Projection
+from .projected import projected
 from .tiles import TileLists
 from .view import arrange
 from .walks.composite import composite
@@ -124,7 +125,7 @@ def rasterize(
         depth, normal = nothing[0] if options.depth else None, nothing if options.normal else None
         return Frame(nothing, dr.full(mi.Float, 1, n_pixels), depth, normal)
 
-    projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
+    projection = projected(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
     if probe is not None:
         projection.x, projection.y = projection.x + probe[0], projection.y + probe[1]
     depth = [projection.depth] if options.depth or stop_depth is not None else []

@@ -10,7 +10,8 @@ from .arrays import detached
 from .bands import PreparedView, WalkableView, listed
 from .geometry import Blocks, Grid
 from .options import RasterOptions, Settings
-from .project import DeviceCamera, Projection, project
+from .project import DeviceCamera, Projection
+from .projected import projected
 from .tables import pack
 
 
@@ -77,4 +78,4 @@ def settings_of(settings: Settings, projection: Projection) -> Settings:
 def _projection(params: dict, camera: DeviceCamera, options: RasterOptions) -> Projection:
     if dr.width(params["logit_opacities"]) == 0:
         raise ValueError("prepare: there is no primitive, so there is no view to walk")
-    return project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
+    return projected(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)

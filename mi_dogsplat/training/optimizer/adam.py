@@ -31,6 +31,11 @@ class Entry:
     v: Any
     v_max: Any  # of AMSGrad, which is off
 
+    @property
+    def steps(self) -> int:
+        """Taken so far. A literal holds them as long as no frozen function gets it, so that nothing waits."""
+        return int(self.t[0])
+
     @staticmethod
     def of(adam: mi.ad.Adam, name: str) -> Entry:
         """The entry of a parameter."""
@@ -62,6 +67,11 @@ class Entry:
         return replace(self, value=value, m=m, v=v)
 
 
+def biases(adam: mi.ad.Adam, steps: int) -> tuple[float, float]:
+    """By which m and v are too small after so many steps, as they began with zero."""
+    return 1 - adam.beta_1**steps, 1 - adam.beta_2**steps
+
+
 def gather(adam: mi.ad.Adam, name: str, rows: np.ndarray, fresh: np.ndarray, size: int) -> None:
     """Take the rows of a parameter that ``Entry.gathered`` names; it is dropped when none is left.
 
@@ -79,7 +89,7 @@ def gather(adam: mi.ad.Adam, name: str, rows: np.ndarray, fresh: np.ndarray, siz
 def saved_entry(adam: mi.ad.Adam, name: str) -> dict[str, np.ndarray]:
     """A parameter on the host: its values under its name, moments ``.m`` and ``.v``, steps ``.t``, rate ``.rate``."""
     e = Entry.of(adam, name)
-    numbers = {"t": np.array(e.t[0], np.uint32), "rate": np.array(e.rate)}
+    numbers = {"t": np.array(e.steps, np.uint32), "rate": np.array(e.rate)}
     arrays = {name: to_host(e.value), f"{name}.m": to_host(e.m), f"{name}.v": to_host(e.v)}
     return arrays | {f"{name}.{key}": value for key, value in numbers.items()}
 

@@ -8,8 +8,9 @@ from typing import Any
 import drjit as dr
 
 from ...engine.arrays import array_types
-from ...engine.frozen import frozen
+from ...engine.frozen import frozen_for_sizes
 from ...engine.project import NO_ROW
+from .triangles import entries_of, kept_of, n_pairs
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,6 @@ class TrainedArray:
     gradient: Any
     m: Any  # with the gradient in it, as v
     v: Any
-    t: Any  # steps taken, with this one, [1]
 
     def columns(self, flat: Any, n: int) -> list:
         """The numbers of a primitive in an array of that layout, [N] each; 0 for one without a row."""
@@ -51,35 +51,27 @@ class Numbers:
     prior: float  # times the identity is S of what a primitive has had no gradients of
     memory: float
     damping: float
-    beta_1: float
-    beta_2: float
     epsilon: float
 
 
-def n_pairs(d: int) -> int:
-    """Entries in the lower triangle of a matrix of d rows, and the place of the first one of row d."""
-    return d * (d + 1) // 2
-
-
-@frozen
-def joint_steps(arrays: list[TrainedArray], rates: Any, products: list, numbers: Numbers) -> tuple[list, list]:
+@frozen_for_sizes
+def joint_steps(arrays: list[TrainedArray], of_arrays: Any, products: list, numbers: Numbers) -> tuple[list, list]:
     """A step of each primitive.
 
     Args:
-        arrays: whose numbers move together.
-        rates: step size of each array.
-        products: lower triangle of S before the step, row by row, [N] each.
+        arrays: whose numbers move together; the first one has a row for each primitive.
+        of_arrays: [arrays, 3] step size, and what m and v are divided by, as they began with zero.
+        products: lower triangles of S before the step, as they are kept (``triangles.py``).
 
-    Returns (values of the arrays, the triangle with this gradient in it). Numbers that a primitive does not have go
+    Returns (values of the arrays, the triangles with this gradient in them). Numbers that a primitive does not have go
     together with nothing, also where it has had them before.
     """
-    n = dr.width(products[0])
-    biases = _biases(dr.concat([array.t for array in arrays]), numbers)
-    dr.eval(biases)  # in float64, once for all primitives
+    n = dr.width(arrays[0].value) // arrays[0].size
+    before = entries_of(products, n)
     g, u = [], []  # normalised: of all numbers about as large
     there = []  # whether a primitive has them
     for j, array in enumerate(arrays):
-        of_m, of_v = (dr.gather(type(bias), bias, j) for bias in biases)
+        of_m, of_v = (dr.gather(type(of_arrays), of_arrays, 3 * j + k) for k in (1, 2))
         columns = (array.columns(flat, n) for flat in (array.gradient, array.m, array.v))
         for gradient, m, v in zip(*columns, strict=True):
             scale = dr.sqrt(of_v) * dr.rsqrt(v + numbers.epsilon**2)
@@ -89,21 +81,16 @@ def joint_steps(arrays: list[TrainedArray], rates: Any, products: list, numbers:
     new = []
     for k in range(len(g)):
         for j in range(k + 1):
-            entry = dr.lerp(g[k] * g[j], products[n_pairs(k) + j], numbers.memory)
+            entry = dr.lerp(g[k] * g[j], before[n_pairs(k) + j], numbers.memory)
             new.append(dr.select(there[k] & there[j], entry, numbers.prior if j == k else 0))
     directions = _solved(new, u, numbers.damping)
-    dr.eval(new, directions)  # else each array would solve the equations anew
+    kept = kept_of(new, n)
+    dr.eval(kept, directions)  # else each array would solve the equations anew
     values = []
     for j, array in enumerate(arrays):
         own, directions = directions[: array.size], directions[array.size :]
-        values.append(array.moved(own, -dr.gather(type(rates), rates, j)))
-    return values, new
-
-
-def _biases(t: Any, numbers: Numbers) -> list:
-    """What moments that began with zero have to be divided by."""
-    kinds = array_types()
-    return [kinds.Float(1 - kinds.Double(beta) ** t) for beta in (numbers.beta_1, numbers.beta_2)]
+        values.append(array.moved(own, -dr.gather(type(of_arrays), of_arrays, 3 * j)))
+    return values, kept
 
 
 def _solved(products: list, u: list, damping: float) -> list:

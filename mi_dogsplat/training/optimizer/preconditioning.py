@@ -15,7 +15,7 @@ the layers of a network.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,12 +23,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...engine.arrays import array_types, detached
+from ...engine.arrays import detached
 from ...engine.parameters import device_array
 from ...scene.row_groups import DOG, PLANES, RowGroup
 from ..milestones import scaled_milestone
-from .adam import Entry, to_host
-from .joint_steps import Numbers, TrainedArray, joint_steps, n_pairs
+from .adam import Entry, biases
+from .joint_steps import Numbers, TrainedArray, joint_steps
+from .triangles import n_pairs, to_host, upload
 
 IN_GROUPS = DOG, *PLANES
 GROUP = {name: group for group in IN_GROUPS for name in group.names}
@@ -74,18 +75,20 @@ def n_products(groups: Collection[RowGroup]) -> int:
 class Preconditioner:
     """S of each primitive, from the first step of the rule on.
 
-    ``products`` is its lower triangle, row by row, [N] for each entry; it has a row for each of ``columns``, a number
-    of an array.
+    ``products`` are their lower triangles as they are kept (``triangles.py``); they have a row for each of ``columns``,
+    a number of an array.
     """
 
     def __init__(self, rule: Preconditioning):
         self.rule = rule
         self.columns: list[tuple[str, int]] = []
         self.products: list[Any] = []
+        self.n = 0  # primitives that they are of
 
-    def before(self, adam: mi.ad.Adam) -> dict[str, tuple]:
-        """(value, gradient) of each array whose numbers move together; Adam's step takes them away."""
-        return {name: (detached(adam[name]), detached(dr.grad(adam[name]))) for name in JOINT if name in adam}
+    @staticmethod
+    def names(adam: mi.ad.Adam) -> list[str]:
+        """Of the arrays whose numbers move together."""
+        return [name for name in JOINT if name in adam]
 
     def step(
         self, adam: mi.ad.Adam, before: Mapping[str, tuple], sizes: Mapping[str, int], rows: Mapping[str, Any],
@@ -94,7 +97,7 @@ class Preconditioner:
         """Put joint steps in the place of those that Adam has just taken.
 
         Args:
-            before: what ``before`` gave ahead of them.
+            before: (value, gradient) of the arrays ``names`` ahead of them (``adam_step``).
             sizes: of the rows of each array.
             rows: arrays of the groups (``GroupRows.params``).
             views: whose gradients were averaged.
@@ -104,11 +107,12 @@ class Preconditioner:
         for name, e in entries.items():
             group = GROUP.get(name)
             of_group = (detached(rows[group.row]), detached(rows[group.index])) if group else (None, None)
-            arrays[name] = TrainedArray(sizes[name], *of_group, *before[name], *map(detached, (e.m, e.v, e.t)))
+            arrays[name] = TrainedArray(sizes[name], *of_group, *before[name], detached(e.m), detached(e.v))
         self._know(arrays)
-        rates = detached(device_array(np.array([self.rule.gain * e.rate for e in entries.values()])))
-        numbers = Numbers(PRIOR, self.rule.memory**views, self.rule.damping, adam.beta_1, adam.beta_2, adam.epsilon)
-        values, self.products = joint_steps(list(arrays.values()), rates, self.products, numbers)
+        of_arrays = [[self.rule.gain * e.rate, *biases(adam, e.steps)] for e in entries.values()]
+        numbers = Numbers(PRIOR, self.rule.memory**views, self.rule.damping, adam.epsilon)
+        given = list(arrays.values()), detached(device_array(np.array(of_arrays)))
+        values, self.products = joint_steps(*given, self.products, numbers)
         for (name, entry), stepped in zip(entries.items(), values, strict=True):
             value = mi.Float(stepped)
             dr.enable_grad(value)
@@ -116,35 +120,31 @@ class Preconditioner:
 
     def rearranged(self, index: np.ndarray, fresh: np.ndarray) -> None:
         """After primitive r has become a copy of ``index[r]`` [N']; one that is ``fresh`` has had no gradients."""
-        known = zip(_triangle(self.columns), map(to_host, self.products), strict=True)
-        self._upload(np.where(fresh, _prior(pair), values[index]) for pair, values in known)
+        if self.columns:
+            self._keep(np.where(fresh, _begun(self.columns), self._entries()[:, index]))
 
     def forget(self, name: str) -> None:
         """What the numbers of an array have to do with each other and with the rest, as its moments are forgotten."""
-        known = zip(_triangle(self.columns), self.products, strict=True)
-        self.products = [
-            _begun(pair, dr.width(values)) if name in (pair[0][0], pair[1][0]) else values for pair, values in known
-        ]
+        if self.columns:
+            forgotten = [[name in (a[0], b[0])] for a, b in _triangle(self.columns)]
+            self._keep(np.where(forgotten, _begun(self.columns), self._entries()))
 
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs; nothing before the first step of the rule."""
         if not self.columns:
             return {}
-        found = np.empty((len(self.products), dr.width(self.products[0])), np.float32)
-        for row, values in zip(found, self.products, strict=True):
-            row[:] = values.numpy()
-        return {PRODUCTS + "+".join(dict.fromkeys(name for name, _ in self.columns)): found}
+        return {PRODUCTS + "+".join(dict.fromkeys(name for name, _ in self.columns)): self._entries()}
 
     def restore(self, saved: Mapping[str, np.ndarray], sizes: Mapping[str, int], n: int) -> None:
         """Take over what ``state`` gave. Raises ``ValueError`` unless it is of ``n`` primitives."""
-        self.columns, self.products = [], []
+        self.columns, self.products, self.n = [], [], 0
         for key in [key for key in saved if key.startswith(PRODUCTS)]:
             names = key[len(PRODUCTS) :].split("+")
             if set(names) <= set(JOINT):
                 self.columns = [(name, k) for name in names for k in range(sizes[name])]
             if saved[key].shape != (n_pairs(len(self.columns)), n):
                 raise ValueError(f'SplatOptimizer.restore: "{key}" of the state does not fit its {n} primitives')
-            self._upload(saved[key])
+            self._keep(saved[key])
 
     def _know(self, arrays: Mapping[str, TrainedArray]) -> None:
         """Entries for columns that are new."""
@@ -152,22 +152,24 @@ class Preconditioner:
         if columns == self.columns:
             return
         n = dr.width(arrays["means"].value) // arrays["means"].size
-        known = dict(zip(_triangle(self.columns), self.products, strict=True))
-        new = {pair: _begun(pair, n) for pair in _triangle(columns)}
-        self.columns, self.products = columns, [known.get(pair, value) for pair, value in new.items()]
+        new = np.repeat(_begun(columns), n, axis=1)
+        known = dict(zip(_triangle(self.columns), self._entries(), strict=True)) if self.columns else {}
+        for values, pair in zip(new, _triangle(columns), strict=True):
+            values[:] = known.get(pair, values)
+        self.columns = columns
+        self._keep(new)
 
-    def _upload(self, products: Iterable[np.ndarray]) -> None:
-        self.products = [detached(device_array(values)) for values in products]
+    def _entries(self) -> np.ndarray:
+        """[entries, N] on the host."""
+        return to_host(self.products, self.n)
+
+    def _keep(self, entries: np.ndarray) -> None:
+        self.products, self.n = upload(entries), entries.shape[1]
 
 
-def _prior(pair: tuple) -> float:
-    """Entry of two columns in what S begins with."""
-    return PRIOR if pair[0] == pair[1] else 0.0
-
-
-def _begun(pair: tuple, n: int) -> Any:
-    """The same, of ``n`` primitives."""
-    return dr.opaque(array_types().Float, _prior(pair), n)
+def _begun(columns: list) -> np.ndarray:
+    """[entries, 1] of what S begins with."""
+    return np.array([[PRIOR if a == b else 0.0] for a, b in _triangle(columns)], np.float32)
 
 
 def _triangle(columns: list) -> Iterator[tuple]:

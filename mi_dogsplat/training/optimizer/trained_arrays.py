@@ -1,8 +1,8 @@
 """Arrays by name, with a row for each primitive or for some, and Adam on them with a step size for each array.
 
-The update rule is the library's (``mi.ad.Adam``). What is ours: a learning rate per parameter (``learning_rates.py``),
-and a gradient that is not finite, or whose square is not, counts as zero: Adam would keep it in the second moment for
-ever, as a NaN in the parameter or an infinity that freezes it.
+The update rule is the library's (``mi.ad.Adam``; ``adam_step.py``). What is ours: a learning rate per parameter
+(``learning_rates.py``), and a gradient that is not finite, or whose square is not, counts as zero: Adam would keep it
+in the second moment for ever, as a NaN in the parameter or an infinity that freezes it.
 
 Of K views of a step (``LearningRates.batch_views``) gradients add up on the parameters; a step takes their mean. Adam
 then remembers as many views as with one: β^K (Zhao et al. 2024), and ε / √K, as the mean is that much smaller.
@@ -22,13 +22,13 @@ import numpy as np
 
 from ...engine.parameters import device_array
 from ..images.tone_curve import ToneCurve
-from .adam import Entry, forget, step_without, to_host
+from .adam import Entry, forget, to_host
+from .adam_step import adam_step
 from .color_steps import ColorSteps
 from .learning_rates import LearningRates
 from .preconditioning import Preconditioner
 from .sh_rows import SH_INDEX
 
-MAX_GRADIENT = 1e18  # its square is a float32
 BETA_1, BETA_2 = 0.9, 0.999
 EPSILON = 1e-15  # of Adam, as in 3DGS: gradients far below move nothing
 
@@ -69,7 +69,7 @@ class TrainedArrays:
     @property
     def n_products(self) -> int:
         """Of preconditioned steps, of all primitives."""
-        return self.n * len(self.preconditioner.products) if self.preconditioner else 0
+        return sum(map(len, self.preconditioner.products)) if self.preconditioner else 0
 
     @property
     def params(self) -> dict:
@@ -119,15 +119,14 @@ class TrainedArrays:
                 write back what it read: that is left out. The step counts all the same, for the bias correction.
         """
         unused, views = set(unused), self.learning_rates.batch_views
-        for value in [value for name, value in self.adam.items() if name not in unused]:
-            gradient = dr.grad(value) if views == 1 else dr.grad(value) * (1 / views)
-            dr.set_grad(value, dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0))  # false for NaN
         used = {name: value for name, value in self.adam.items() if name not in unused}
+        if views > 1:
+            for value in used.values():
+                dr.set_grad(value, dr.grad(value) * (1 / views))
         color_steps = ColorSteps(self.curve, used, self.row_size, self.params) if self.curve else None
         start = color_steps.before(self.adam) if color_steps else {}
         preconditioner = self.preconditioner if self.joint else None
-        before = preconditioner.before(self.adam) if preconditioner else {}
-        step_without(self.adam, unused)
+        before = adam_step(self.adam, unused, preconditioner.names(self.adam) if preconditioner else ())
         if preconditioner:
             preconditioner.step(self.adam, before, self.row_size, self.params, views)
         if color_steps:

@@ -1,0 +1,118 @@
+"""The projection as one operation on AD variables, whose values and derivatives a GPU replays.
+
+Traced anew in each pass, it takes the host longer than a GPU takes for the kernels of a small model, or of one with
+much besides plain Gaussians. On the CPU kernels are longer, and the gradients, which would go through memory, stay in
+the kernel of the optimizer's step: there it is ``project`` itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from .arrays import array_types, backward
+from .device_camera import DeviceCamera, Nudge
+from .frozen import frozen_for_sizes
+from .project import Kernels, Projection, project
+
+NUDGE = "nudge "  # and a number: name of an array of the camera's nudge
+
+
+def projected(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
+    """What ``project`` returns for the same arguments; differentiable likewise."""
+    if array_types().is_llvm:
+        return project(params, camera, sh_degree=sh_degree, antialiased=antialiased)
+    nudge = {f"{NUDGE}{k}": value for k, value in enumerate(camera.nudge.values)} if camera.nudge else {}
+    arrays = params | nudge
+    attached = {name: value for name, value in arrays.items() if dr.grad_enabled(value)}
+    detached = {name: dr.detach(value) for name, value in arrays.items()}
+    given = _Given(detached, camera.anonymous(), sh_degree, antialiased)
+    found = _values(given)
+    if attached:
+        found = _attached(found, dr.custom(_Project, _Fixed(given, tuple(attached), found), list(attached.values())))
+    return replace(found, dog_row=params.get("dog_row"), dog_index=params.get("dog_index"))
+
+
+@dataclass(frozen=True)
+class _Given:
+    """Arguments of ``project`` for a frozen function; those of the nudge are among the ``arrays``."""
+
+    arrays: dict
+    camera: DeviceCamera
+    sh_degree: int
+    antialiased: bool
+
+    def projection(self, attached: dict) -> Projection:
+        """With these arrays in the place of those of their names."""
+        arrays = self.arrays | attached
+        nudge = [arrays[name] for name in arrays if name.startswith(NUDGE)]
+        camera = replace(self.camera, nudge=Nudge(nudge[:3], nudge[3:])) if nudge else self.camera
+        return project(arrays, camera, sh_degree=self.sh_degree, antialiased=self.antialiased)
+
+
+@frozen_for_sizes
+def _values(given: _Given) -> Projection:
+    return replace(given.projection({}), dog_row=None, dog_index=None)
+
+
+@frozen_for_sizes
+def _gradients(given: _Given, names: tuple, adjoints: list) -> list:
+    """Of the arrays of these names."""
+    arrays = {name: mi.Float(given.arrays[name]) for name in names}
+    dr.enable_grad(arrays)
+    backward(_differentiable(given.projection(arrays)), adjoints)
+    return [dr.detach(dr.grad(value)) for value in arrays.values()]
+
+
+class _Fixed:
+    """What has no derivative, as an object of which Dr.Jit sees nothing."""
+
+    def __init__(self, given: _Given, names: tuple, found: Projection):
+        self.given, self.names, self.found = given, names, found
+
+
+class _Project(dr.CustomOp):
+    """From the attached arrays to what is differentiable of a projection."""
+
+    def eval(self, fixed: _Fixed, arrays: list):
+        self.fixed = fixed
+        return [mi.Float(value) for value in _differentiable(fixed.found)]
+
+    def backward(self):
+        adjoints = [dr.detach(δ) for δ in self.grad_out()]
+        self.set_grad_in("arrays", _gradients(self.fixed.given, self.fixed.names, adjoints))
+
+    def forward(self):
+        arrays = {name: mi.Float(self.fixed.given.arrays[name]) for name in self.fixed.names}
+        dr.enable_grad(arrays)
+        values = _differentiable(self.fixed.given.projection(arrays))
+        for value, tangent in zip(arrays.values(), self.grad_in("arrays"), strict=True):
+            dr.set_grad(value, tangent)
+        dr.forward_to(values, flags=dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad)
+        self.set_grad_out([dr.detach(dr.grad(value)) for value in values])
+
+
+def _differentiable(p: Projection) -> list:
+    """All but variances, which tell only what a primitive may touch."""
+    k, q = p.kernels, p.pseudo
+    of_pseudo = [] if q is None else [q.ux, q.uy, q.vy, q.lo]
+    return [p.x, p.y, p.depth, k.ux, k.uy, k.vy, k.lo, *p.colors, *of_pseudo, *p.varying]
+
+
+def _attached(p: Projection, values: Any) -> Projection:
+    """With other arrays in the place of those that ``_differentiable`` gives."""
+    values = iter(values)
+
+    def several(like: list | None) -> list | None:
+        return None if like is None else [next(values) for _ in like]
+
+    def kernels(like: Kernels) -> Kernels:
+        return Kernels(*several([0] * 4), like.variance_x, like.variance_y)
+
+    x, y, depth = (next(values) for _ in range(3))
+    own, colors, pseudo = kernels(p.kernels), several(p.colors), p.pseudo and kernels(p.pseudo)
+    varying = [several(values_of) for values_of in (p.slopes, p.curvatures, p.cuts)]
+    return Projection(x, y, depth, own, colors, p.visible, pseudo, None, None, *varying)

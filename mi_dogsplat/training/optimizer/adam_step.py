@@ -1,0 +1,77 @@
+"""One step of Adam on all its arrays. What it does to them is up to the library (``mi.ad.Adam``) on the CPU.
+
+On a GPU the host takes longer to ask for that, array by array, than a small model takes for its kernels. There the same
+rule is one function that is replayed, and step sizes come from the host, which knows how many steps were taken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ...engine.arrays import array_types, detached
+from ...engine.frozen import frozen_for_sizes
+from ...engine.parameters import device_array
+from .adam import Entry, biases, step_without
+
+MAX_GRADIENT = 1e18  # its square is a float32
+
+
+def adam_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection[str]) -> dict[str, tuple]:
+    """Step by the gradients on the arrays, but not with the arrays ``unused``, for which the step counts all the same.
+    A gradient that is not finite, or whose square is not, counts as zero. Returns (value before it, gradient) of the
+    arrays ``wanted``."""
+    if not array_types().is_llvm:
+        return _replayed_step(adam, unused, wanted)
+    for value in [value for name, value in adam.items() if name not in unused]:
+        dr.set_grad(value, _finite(dr.grad(value)))
+    before = {name: (detached(adam[name]), detached(dr.grad(adam[name]))) for name in wanted}
+    step_without(adam, set(unused))
+    return before
+
+
+def _finite(gradient: Any) -> Any:
+    return dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0)  # false for NaN
+
+
+def _replayed_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection[str]) -> dict[str, tuple]:
+    entries = {name: Entry.of(adam, name) for name in adam}
+    used = [name for name in entries if name not in unused]
+    arrays = [[detached(dr.grad(e.value)), *map(detached, (e.value, e.m, e.v))] for e in map(entries.get, used)]
+    sizes = device_array(np.array([_step_size(adam, entries[name]) for name in used]))
+    rule = adam.beta_1, adam.beta_2, adam.epsilon
+    stepped, gradients = _stepped(arrays, detached(sizes), rule, tuple(used.index(name) for name in wanted))
+    before = {name: (arrays[used.index(name)][1], g) for name, g in zip(wanted, gradients, strict=True)}
+    for name, entry in entries.items():
+        if name in unused:
+            replace(entry, t=entry.t + 1).put(adam, name)
+    for name, moved in zip(used, stepped, strict=True):
+        value, m, v = map(mi.Float, moved)
+        dr.enable_grad(value)
+        replace(entries[name], value=value, t=entries[name].t + 1, m=m, v=v).put(adam, name)
+    return before
+
+
+def _step_size(adam: mi.ad.Adam, entry: Entry) -> float:
+    of_m, of_v = biases(adam, entry.steps + 1)
+    return -entry.rate * math.sqrt(of_v) / of_m
+
+
+@frozen_for_sizes
+def _stepped(arrays: list, sizes: Any, rule: tuple, wanted: tuple) -> tuple[list, list]:
+    """(value, m, v of each array after a step, gradients ``wanted``, by their numbers)."""
+    beta_1, beta_2, epsilon = rule
+    stepped, gradients = [], []
+    for k, (gradient, value, m, v) in enumerate(arrays):
+        gradient = _finite(gradient)
+        m, v = dr.lerp(gradient, m, beta_1), dr.lerp(dr.square(gradient), v, beta_2)
+        size = dr.gather(type(value), sizes, k)
+        stepped.append([dr.fma(m * dr.rsqrt(v + epsilon**2), size, value), m, v])
+        gradients.append(gradient)
+    return stepped, [gradients[k] for k in wanted]
