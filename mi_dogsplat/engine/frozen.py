@@ -22,6 +22,8 @@ from typing import Any, Generic, ParamSpec, TypeVar
 
 import drjit as dr
 
+from .arrays import array_types
+
 KINDS_KEPT = 16  # of a function that is recorded for sizes
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -42,7 +44,7 @@ class Frozen(Generic[P, R]):
     def __init__(self, function: Callable[P, R], for_sizes: bool = False):
         functools.update_wrapper(self, function)
         self._function, self._for_sizes = function, for_sizes
-        self._recordings: dict[str, Callable[..., R]] = {}
+        self._recordings: dict[str, Any] = {}
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Raises ``TypeError`` for an argument whose kind cannot be told, and what the function raises."""
@@ -64,6 +66,11 @@ class Frozen(Generic[P, R]):
         finally:
             if collecting:
                 gc.enable()
+
+    @property
+    def n_recordings(self) -> int:
+        """That there are, of kinds and of what else Dr.Jit tells apart. It grows where that is told apart in vain."""
+        return sum(recording.n_recordings for recording in self._recordings.values())
 
     def clear(self) -> None:
         """Forget all recordings, and what the calls so far were like."""
@@ -158,3 +165,15 @@ def frozen(function: Callable[P, R]) -> Frozen[P, R]:
 def frozen_for_sizes(function: Callable[P, R]) -> Frozen[P, R]:
     """Decorator; recorded anew for arrays of other sizes."""
     return Frozen(function, for_sizes=True)
+
+
+def zeros_for(values: Any, count: int, kind: Any = None) -> Any:
+    """``count`` zeros for each of the evaluated ``values``, of floats unless another ``kind`` is asked for.
+
+    For frozen functions: ``dr.zeros`` keeps the size that was recorded, while a kernel whose lanes are a multiple of
+    what it reads keeps the multiple.
+    """
+    types = array_types()
+    number = dr.arange(types.UInt, dr.width(values) * count) + types.UInt(dr.gather(type(values), values, 0))
+    zero = (number >> 16) >> 16
+    return zero if kind is types.UInt else dr.reinterpret_array(types.Float, zero)

@@ -82,14 +82,16 @@ class _Project(dr.CustomOp):
         return [mi.Float(value) for value in _differentiable(fixed.found)]
 
     def backward(self):
-        adjoints = [dr.detach(δ) for δ in self.grad_out()]
+        found: Any = self.grad_out()
+        adjoints = [dr.detach(δ) for δ in found]
         self.set_grad_in("arrays", _gradients(self.fixed.given, self.fixed.names, adjoints))
 
     def forward(self):
         arrays = {name: mi.Float(self.fixed.given.arrays[name]) for name in self.fixed.names}
         dr.enable_grad(arrays)
         values = _differentiable(self.fixed.given.projection(arrays))
-        for value, tangent in zip(arrays.values(), self.grad_in("arrays"), strict=True):
+        tangents: Any = self.grad_in("arrays")
+        for value, tangent in zip(arrays.values(), tangents, strict=True):
             dr.set_grad(value, tangent)
         dr.forward_to(values, flags=dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad)
         self.set_grad_out([dr.detach(dr.grad(value)) for value in values])
@@ -106,13 +108,12 @@ def _attached(p: Projection, values: Any) -> Projection:
     """With other arrays in the place of those that ``_differentiable`` gives."""
     values = iter(values)
 
-    def several(like: list | None) -> list | None:
-        return None if like is None else [next(values) for _ in like]
-
     def kernels(like: Kernels) -> Kernels:
-        return Kernels(*several([0] * 4), like.variance_x, like.variance_y)
+        ux, uy, vy, lo = (next(values) for _ in range(4))
+        return Kernels(ux, uy, vy, lo, like.variance_x, like.variance_y)
 
     x, y, depth = (next(values) for _ in range(3))
-    own, colors, pseudo = kernels(p.kernels), several(p.colors), p.pseudo and kernels(p.pseudo)
-    varying = [several(values_of) for values_of in (p.slopes, p.curvatures, p.cuts)]
+    own, colors = kernels(p.kernels), [next(values) for _ in p.colors]
+    pseudo = kernels(p.pseudo) if p.pseudo else None
+    varying = [None if of is None else [next(values) for _ in of] for of in (p.slopes, p.curvatures, p.cuts)]
     return Projection(x, y, depth, own, colors, p.visible, pseudo, None, None, *varying)

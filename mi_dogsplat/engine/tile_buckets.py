@@ -9,8 +9,7 @@ many primitives in a tile have nearly the same depth. So the lists are exact, an
 A primitive's rows of tiles are shared out to ``ROWS_AT_ONCE`` lanes, so that none is alone with a primitive that covers
 the image.
 
-What visits the tiles is frozen: a GPU waits while it is traced. For that Dr.Jit copies what isects are written to, on
-the device.
+What visits the tiles is frozen: a GPU waits while it is traced.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ import drjit as dr
 
 from .arrays import array_types, constant, while_loop
 from .footprints import Footprints
-from .frozen import frozen
+from .frozen import frozen, zeros_for
 from .geometry import Blocks, Grid
 
 ROWS_AT_ONCE = 8  # lanes per primitive
@@ -68,7 +67,7 @@ def sort_into_buckets(footprints: Footprints, depth_bits: Any, grid: Grid, padde
     n_isects = int(ends[dr.width(ends) - 1])
     if n_isects == 0:
         return None
-    ends, entries = _written(rows, ends, dr.empty(UInt, 4 * n_isects))
+    ends, entries = _written(rows, ends, dr.opaque(dr.cuda.UInt8, 0, n_isects))
     return Buckets(ends, *_in_order(entries, ends, n_isects, padded))
 
 
@@ -102,9 +101,14 @@ def _counted(given: _Given, n_tiles: int) -> Any:
 
 
 @frozen
-def _written(given: _Given, ends: Any, entries: Any) -> tuple:
-    """(ends of the buckets that begin at ``ends``, their isects in any order)."""
-    rows = _Rows(given)
+def _written(given: _Given, ends: Any, isects: Any) -> tuple:
+    """(ends of the buckets that begin at ``ends``, their isects in any order).
+
+    Args:
+        isects: a zero for each. An array for them to be written to would be copied first, or, not evaluated, lead to
+            another recording for each number of isects (Dr.Jit 1.5).
+    """
+    rows, entries = _Rows(given), zeros_for(isects, 4, array_types().UInt)
 
     def emit(bucket, column, blocks):
         entry = array_types().UIntQuad(rows.bits, rows.splat, bucket, rows.footprints.lane_mask(blocks, column))

@@ -13,7 +13,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.engine.frozen import described, frozen
+from mi_dogsplat.engine.frozen import KINDS_KEPT, described, frozen, frozen_for_sizes
 
 # A function that allocates enough to collect garbage, which is there: cycles of what must not be freed meanwhile.
 WITH_GARBAGE = """
@@ -174,3 +174,35 @@ def test_a_frozen_function_is_traced_once_for_all_sizes():
 
     assert [doubled(dr.arange(mi.Float, n)).numpy()[-1] for n in (3, 30, 300)] == [4, 58, 598]
     assert next(traced) == 1
+
+
+def test_a_function_for_sizes_is_traced_once_for_each_and_again_when_others_were_asked_for_since():
+    traced = []
+
+    @frozen_for_sizes
+    def with_zeros(x):
+        traced.append(dr.width(x))
+        zeros = dr.zeros(mi.Float, 2 * dr.width(x))  # of the size that is recorded
+        dr.scatter_add(zeros, x, dr.arange(mi.UInt32, dr.width(x)))
+        return zeros
+
+    def sizes(*numbers: int) -> list[int]:
+        traced.clear()
+        for n in numbers:
+            result = with_zeros(dr.arange(mi.Float, n) + dr.opaque(mi.Float, 1))
+            np.testing.assert_array_equal(result.numpy(), [*range(1, n + 1), *([0] * n)])
+        return sorted(set(traced))
+
+    assert sizes(2, 3, 2, 3) == [2, 3]
+    assert sizes(2, 3, 3, 2) == []
+    assert sizes(*range(4, 4 + KINDS_KEPT)) == list(range(4, 4 + KINDS_KEPT))
+    assert sizes(2) == [2]
+
+
+def test_what_a_function_raises_while_it_is_recorded_is_raised():
+    @frozen
+    def refused(x):
+        raise ValueError("not this one")
+
+    with pytest.raises(ValueError, match="not this one"):
+        refused(dr.arange(mi.Float, 3))

@@ -2,21 +2,21 @@
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
-from importlib import import_module
-from pathlib import Path
 
 import drjit as dr
-import mi_dogsplat
 import mitsuba as mi
 import numpy as np
 import pytest
+from frozen_functions import forget, frozen_functions
 from mi_dogsplat.engine.arrays import detached
 from mi_dogsplat.engine.bands import PreparedView, WalkableView
-from mi_dogsplat.engine.frozen import Frozen
+from mi_dogsplat.engine.device_camera import DeviceCamera, Nudge
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import device_array, upload
-from mi_dogsplat.engine.project import NO_ROW, DeviceCamera
+from mi_dogsplat.engine.project import NO_ROW
+from mi_dogsplat.engine.projected import projected
 from mi_dogsplat.engine.view import prepare, prepare_both
 from mi_dogsplat.engine.walks.aovs import composite_aovs, walked
 from mi_dogsplat.engine.walks.composite import composite, composite_over
@@ -30,7 +30,11 @@ from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scores.score import CUT_KINDS, ScoreRule
 from mi_dogsplat.training.images.image_formation import Frame, formed, formed_gradients
 from mi_dogsplat.training.images.loss import PhotometricLoss
-from mi_dogsplat.training.optimizer.joint_steps import Numbers, TrainedArray, joint_steps, n_pairs
+from mi_dogsplat.training.optimizer.adam import Entry
+from mi_dogsplat.training.optimizer.adam_step import adam_step
+from mi_dogsplat.training.optimizer.joint_steps import Numbers, TrainedArray, joint_steps
+from mi_dogsplat.training.optimizer.triangles import n_pairs
+from mi_dogsplat.training.optimizer.triangles import upload as upload_triangles
 from splat_scenes import make_camera, options, random_splats, rounded
 
 CAMERA = make_camera(16, 12, f=14.0)
@@ -169,10 +173,60 @@ def taken_back(width=9, height=5, order="abcdef") -> np.ndarray:
     return np.concatenate([rows(by_planes).ravel(), sums.numpy()])
 
 
-STEP = {"prior": 0.2, "memory": 0.9, "damping": 0.2, "beta_1": 0.9, "beta_2": 0.999}
+def cast(n=10, nudged=False, seed=3, sh_degree=1, antialiased=False, **shares) -> tuple[dict, list, list]:
+    """Parameters and the camera's nudge, both attached, and what a projection makes of them."""
+    params = upload(rounded(random_splats(n, seed, 1, **({"dog_share": 0.5} | shares))))
+    dr.enable_grad([value for value in params.values() if dr.is_float_v(value)])
+    nudge = Nudge.of(n) if nudged else None
+    camera = replace(DeviceCamera.upload(CAMERA), nudge=nudge)
+    p = projected(params, camera, sh_degree=sh_degree, antialiased=antialiased)
+    kernels = [p.kernels, *([p.pseudo] if p.pseudo else [])]
+    columns = [p.x, p.y, p.depth, *(v for k in kernels for v in (k.ux, k.uy, k.vy, k.lo)), *p.colors, *p.varying]
+    return params | ({f"nudge {k}": v for k, v in enumerate(nudge.values)} if nudge else {}), columns, kernels
 
 
-def stepped(n=6, sizes=(3, 1), rows=False, order="abcd", t=(2, 2), **numbers) -> np.ndarray:
+def projection_of(**chosen) -> np.ndarray:
+    _, columns, kernels = cast(**chosen)
+    spread = [value for k in kernels for value in (k.variance_x, k.variance_y)]
+    return np.concatenate([value.numpy() for value in (*columns, *spread)])
+
+
+def pulled_back(order="ab", **chosen) -> np.ndarray:
+    """Gradients of the parameters; columns in turn have adjoints that are the same object for the same letter."""
+    params, columns, _ = cast(**chosen)
+    adjoints = {letter: {} for letter in order}
+    for k, column in enumerate(columns):
+        of_size = adjoints[order[k % len(order)]]
+        n = dr.width(column)
+        if n not in of_size:
+            of_size[n] = mi.Float(np.random.default_rng(ord(order[k % len(order)])).normal(size=n))
+        dr.set_grad(column, of_size[n])
+    dr.enqueue(dr.ADMode.Backward, columns)
+    dr.traverse(dr.ADMode.Backward)
+    return np.concatenate([dr.grad(value).numpy() for value in params.values() if dr.is_float_v(value)])
+
+
+def adam_moved(sizes=(6, 4), steps=1, unused=(), wanted=(), order="abc", **numbers) -> np.ndarray:
+    """Values, moments and what was asked for after some steps; the gradients of two arrays may be one object."""
+    of_names = list(zip("xyz"[: len(sizes)], order[: len(sizes)], sizes, strict=True))
+    values = {name: mi.Float(np.linspace(0.1, 0.9, size) + ord(name)) for name, _, size in of_names}
+    adam = mi.ad.Adam(0.1, values, **({"beta_1": 0.9, "beta_2": 0.999, "epsilon": 1e-15} | numbers))
+    adam.set_learning_rate({name: 0.1 / (1 + k) for k, name in enumerate(values)})
+    found = []
+    for step in range(steps):
+        gradients = {(letter, size): mi.Float(np.cos(np.arange(size) + ord(letter) + step))
+                     for _, letter, size in of_names}
+        for name, letter, size in of_names:
+            dr.set_grad(adam[name], gradients[letter, size])
+        found = [of for pair in adam_step(adam, unused, wanted).values() for of in pair]
+    entries = [Entry.of(adam, name) for name in adam]
+    return np.concatenate([x.numpy() for e in entries for x in (e.value, e.m, e.v)] + [x.numpy() for x in found])
+
+
+STEP = {"prior": 0.2, "memory": 0.9, "damping": 0.2}
+
+
+def stepped(n=6, sizes=(3, 1), rows=False, order="abcd", of_m=(0.2, 0.2), of_v=0.01, **numbers) -> np.ndarray:
     """A joint step of arrays with rows of those sizes; with ``rows``, only two primitives have one in the last."""
     arrays = []
     for j, size in enumerate(sizes):
@@ -181,13 +235,14 @@ def stepped(n=6, sizes=(3, 1), rows=False, order="abcd", t=(2, 2), **numbers) ->
         row[own] = np.arange(len(own))
         row_of, of_row = (detached(mi.UInt32(index.astype(np.uint32))) if rows else None for index in (row, own))
         value, gradient, m, v = cut_planes(order, size * len(own))
-        count = detached(dr.opaque(mi.Float, t[j % len(t)], 1))
-        arrays.append(TrainedArray(size, row_of, of_row, value, gradient, m, dr.abs(v) + 0.1, count))
+        arrays.append(TrainedArray(size, row_of, of_row, value, gradient, m, dr.abs(v) + 0.1))
     d = sum(sizes)
-    S = [detached(dr.opaque(mi.Float, 0.2 if i == j else 0.01, n)) for i in range(d) for j in range(i + 1)]
+    S = np.array([np.full(n, 0.2 if i == j else 0.01) for i in range(d) for j in range(i + 1)])
     assert len(S) == n_pairs(d)
-    rates = detached(device_array(np.linspace(0.1, 0.2, len(sizes))))
-    values, found = joint_steps(arrays, rates, S, Numbers(**STEP | numbers, epsilon=1e-8))
+    rates = np.linspace(0.1, 0.2, len(sizes))
+    of_arrays = [[rate, of_m[j % len(of_m)], of_v] for j, rate in enumerate(rates)]
+    opaque = [[detached(dr.opaque(mi.Float, number)) for number in row] for row in of_arrays]
+    values, found = joint_steps(arrays, opaque, upload_triangles(S), Numbers(**{"epsilon": 1e-8} | STEP | numbers))
     return np.concatenate([part.numpy().astype(np.float64) for part in (*values, *found)])
 
 
@@ -195,6 +250,9 @@ SIZES = ({}, *({"width": w, "height": h} for w, h in ((5, 9), (15, 3), (1, 1))))
 # more and fewer primitives than tiles, and once both
 LISTS = ({}, {"n": 1}, {"n": 7}, {"n": 41}, {"n": 300}, {"width": 90, "height": 70}, {"n": 300, "width": 90},
          {"dog_share": 0, "n": 40}, {"dog_share": 0, "n": 299})
+CAST = ({}, {"n": 7}, {"n": 11}, {"dog_share": 0}, {"dog_share": 0.3}, {"dog_share": 1}, {"antialiased": True},
+        {"sh_degree": 0}, {"slope_share": 0.5}, {"slope_share": 1}, {"curvature_share": 0.5}, {"cut_share": 0.5},
+        {"cut_share": 0.5, "second_cut_share": 0.5}, {"slope_share": 0.5, "dog_share": 0})
 CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_composite": (blended, SLOPED),
     "_composite_backward": (adjoints, (*SLOPED, *({"order": o} for o in ("aaaa", "abab", "abba", "abaa", "abbb")))),
@@ -204,6 +262,12 @@ CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_composite_aovs": (found, (*OPTIONS[:-1], *({"names": (name,)} for name in ("median_depth", "index", "count")),
                                 {"names": ("index", "count")}, {"names": ("count", "dog_share")})),
     "_composite_fisher": (products, (*SLOPED, {"order": "aba"}, {"order": "abb"}, {"order": "aab"})),
+    "_values": (projection_of, CAST),
+    "_gradients": (pulled_back, (*CAST, {"order": "abc"}, {"order": "a"}, {"nudged": True}, {"nudged": True, "n": 12})),
+    "_stepped": (adam_moved, ({}, {"sizes": (4, 6)}, *({"sizes": (4, 4), "order": o} for o in ("aab", "aba")),
+                              {"sizes": (6, 4, 6)}, {"sizes": (6, 4, 6), "order": "aba"}, {"steps": 3},
+                              {"unused": ("y",)}, {"wanted": ("x",)}, {"wanted": ("y",)}, {"wanted": ("y", "x")},
+                              {"beta_1": 0.8}, {"beta_2": 0.99}, {"epsilon": 0.01})),
     "_counted": (listed, LISTS),
     "_written": (listed, LISTS),
     "_rows_and_moments": (target, (*SIZES, {"letters": "xxy"})),
@@ -212,24 +276,12 @@ CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_squared_weights": (squared, OPTIONS),
     "_composite_weights": (weighted, (*OPTIONS, {"order": "b"})),
     "formed": (taken, (*SIZES, {"order": "aba"}, {"order": "aab"})),
-    "joint_steps": (stepped, ({}, {"n": 7}, {"sizes": (1, 3)}, {"sizes": (3, 1, 2)}, {"rows": True}, {"t": (2, 5)},
+    "joint_steps": (stepped, ({}, {"n": 7}, {"sizes": (1, 3)}, {"sizes": (3, 1, 2)}, {"rows": True},
+                              {"of_m": (0.2, 0.4)}, {"of_v": 0.02}, {"epsilon": 0.01},
                               {"rows": True, "sizes": (1, 3)}, {"order": "aacd"}, {"order": "abbd"}, {"order": "abcc"},
                               *({name: 0.9 * value, "rows": True} for name, value in STEP.items()))),
     "formed_gradients": (taken_back, (*SIZES, {"order": "aabcde"}, {"order": "abcdee"})),
 }
-
-
-@cache
-def frozen_functions() -> dict[str, Frozen]:
-    package = Path(mi_dogsplat.__file__).parent
-    users = [path for path in package.rglob("*.py") if "@frozen" in path.read_text(encoding="utf-8")]
-    modules = [import_module(".".join(path.relative_to(package.parent).with_suffix("").parts)) for path in users]
-    return {name: value for module in modules for name, value in vars(module).items() if isinstance(value, Frozen)}
-
-
-def forget() -> None:
-    for function in frozen_functions().values():
-        function.clear()
 
 
 def on_its_own(run: Callable[..., np.ndarray], setting: dict) -> np.ndarray:

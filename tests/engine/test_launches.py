@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from launches import launches
 from mi_dogsplat.engine.arrays import array_types
-from mi_dogsplat.engine.frozen import frozen
+from mi_dogsplat.engine.frozen import frozen, zeros_for
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
-from mi_dogsplat.engine.walks.slot_rows import zeros_for
 from splat_scenes import attached, random_splats, rounded, square_camera
 
 CAMERA = square_camera(64, 48)
@@ -49,8 +48,9 @@ def test_cuda_sorts_nothing_and_launches_little():
         pytest.skip("CPUs sort, which is a launch of threads that wait for it")
     kinds = [launch.kind for launch in launches(pass_of_any_size())]
     assert set(kinds) == {"JIT", "BlockPrefixReduce"}
-    # six for projection and lists, the compositor, its planes, rows, its derivative, and that of the projection
-    assert len(kinds) == 11
+    # the projection, its rows; six for lists; the compositor, its planes; sums, its derivative; their columns, and the
+    # derivative of the projection
+    assert len(kinds) == 14
 
 
 def test_zeros_in_a_frozen_function_are_as_many_as_the_arguments_of_a_call_ask_for():

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from launches import branches, instructions, kernels, launches, llvm_only, loop
-from lean_calls import CAMERA, HEIGHT, WIDTH, adjoints, backward, forward, model
+from lean_calls import CAMERA, HEIGHT, WIDTH, N, adjoints, backward, forward, model
 from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.bands import PreparedView
 from mi_dogsplat.engine.geometry import Blocks
@@ -67,9 +67,14 @@ def stripped_backward(splats: Splats) -> Callable[[], Any]:
 
 @pytest.mark.parametrize(("engine", "stripped"), [(forward, stripped_forward), (backward, stripped_backward)])
 def test_a_plain_model_costs_what_it_costs_in_a_renderer_without_any_option(engine, stripped):
-    """The same launches, kernels of the same instructions, the same bits; where atomics add, in any order."""
+    """The same launches, kernels of the same instructions, the same bits; where atomics add, in any order.
+
+    But for what has a lane for each primitive on CUDA: there the engine's projection is kernels of its own.
+    """
     ours, lean = engine(model()), stripped(model())
     launched, expected = launches(ours), launches(lean)
+    if not array_types().is_llvm:
+        launched, expected = ([k for k in found if k.size != N] for found in (launched, expected))
     assert [(k.kind, k.size, k.operations) for k in launched] == [(k.kind, k.size, k.operations) for k in expected]
     for a, b in zip(launched, expected, strict=True):
         assert a.instructions == b.instructions

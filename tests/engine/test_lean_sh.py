@@ -77,11 +77,13 @@ def test_the_derivative_of_a_mixture_takes_small_kernels_more_than_that_of_degre
     which both parts move."""
     bare, found = kernels(backward(model(0))), kernels(backward(mixture()))
     of_groups = [(size, k) for size, k in found if size in IN_GROUPS.values()]
-    assert len(of_groups) == 2 * len(IN_GROUPS)  # forward and backward
+    each = 2 if array_types().is_llvm else 3  # forward, on CUDA once more in the derivative, and backward
+    assert len(of_groups) == each * len(IN_GROUPS)
     more = Counter(size for size, _ in found) - Counter(size for size, _ in bare)
-    assert more == Counter({**dict.fromkeys(IN_GROUPS.values(), 2), N: 2, 3 * N: 1, 4 * N: len(IN_GROUPS) - 1})
+    assert more == Counter({**dict.fromkeys(IN_GROUPS.values(), each), N: 2, 3 * N: 1, 4 * N: len(IN_GROUPS) - 1})
     cost = [sum(k for size, k in launched if size in (N, 3 * N)) for launched in (bare, found)]
-    assert cost[1] < 1.1 * cost[0]
+    # on CUDA the derivative projects anew, and once more for the colours that the groups' kernels wait for
+    assert cost[1] < (1.1 if array_types().is_llvm else 1.3) * cost[0]
 
 
 @pytest.mark.parametrize("run", [forward, backward])

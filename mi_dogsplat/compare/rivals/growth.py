@@ -24,7 +24,7 @@ def removed(t: Training, rule: Densification) -> np.ndarray:
     opacity = opacities(t)
     remove = opacity < rule.min_opacity
     if rule.removes_large(t.step_count):
-        remove |= largest_scales(t) > rule.max_world_scale * t.extent
+        remove |= t.optimizer.largest_scales > rule.max_world_scale * t.extent
     if remove.all():
         remove[np.argmax(opacity)] = False  # an empty model cannot recover
     return remove
@@ -33,11 +33,6 @@ def removed(t: Training, rule: Densification) -> np.ndarray:
 def opacities(t: Training) -> np.ndarray:
     """[N] float64."""
     return sigmoid(t.optimizer.numpy("logit_opacities").astype(np.float64))
-
-
-def largest_scales(t: Training) -> np.ndarray:
-    """[N] world units."""
-    return np.exp(np.clip(t.optimizer.numpy("log_scales").max(1), -80, 80))
 
 
 def best(scores: np.ndarray, candidates: np.ndarray, count: int) -> np.ndarray:
@@ -55,5 +50,5 @@ def fill(t: Training, rule: Densification, budget: int, scores: Callable[[], np.
         budget: primitives after this refinement.
         scores: [N] the largest grow first.
     """
-    remove, small = removed(t, rule), largest_scales(t) <= rule.clone_scale * t.extent
+    remove, small = removed(t, rule), t.optimizer.largest_scales <= rule.clone_scale * t.extent
     return Choice(best(scores(), ~remove, budget - int(np.sum(~remove))), small, remove)

@@ -27,7 +27,7 @@ from ...training.presets import Recipe
 from ...training.strategy.densify import Choice, Densification
 from ...training.strategy.densify_stats import DensifyStats
 from ...training.strategy.strategy import Training
-from .growth import START_SHARE, best, largest_scales, opacities, progress, removed
+from .growth import START_SHARE, best, opacities, progress, removed
 from .mini_splatting import sampling_keys
 
 DEVIATIONS = (
@@ -69,7 +69,7 @@ class Taming:
     """Who grows: a draw, along the parabola."""
 
     def __call__(self, t: Training, rule: Densification, stats: DensifyStats) -> Choice:
-        remove, small = removed(t, rule), largest_scales(t) <= rule.clone_scale * t.extent
+        remove, small = removed(t, rule), t.optimizer.largest_scales <= rule.clone_scale * t.extent
         room = max(0, self.budget(t, rule) - int(np.sum(~remove)))
         may = ~remove & (stats.mean_gradient() >= rule.gradient_threshold)
         keys = sampling_keys(importance(t, stats), t.rng)

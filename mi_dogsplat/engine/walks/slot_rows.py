@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from ..arrays import array_types, while_loop
 from ..drjit_internals import llvm_packet
+from ..frozen import zeros_for
 from ..geometry import Blocks
 from ..tiles import TileLists
 
@@ -29,7 +29,8 @@ class SlotRows:
     def __init__(self, lists: TileLists, columns: int, in_turn: bool):
         """``in_turn``: ``lanes_add_in_turn``, which cannot be asked in a frozen function."""
         self.lists, self.columns, self.in_turn = lists, columns, in_turn
-        self.values = zeros_for(lists.slot_begin if lists.one_slot_each else lists.slot_from_isect, self.row_size)
+        each = lists.slot_begin if lists.one_slot_each else lists.slot_from_isect
+        self.values = zeros_for(each, self.row_size)
 
     @property
     def row_size(self) -> int:
@@ -87,17 +88,6 @@ def _columns_at(table, row, columns: int, row_size: int) -> list:
     for k in range(-(-columns // 4)):
         values += list(dr.gather(array_types().Quad, table, dr.fma(row, row_size // 4, k)))
     return values[:columns]
-
-
-def zeros_for(values: Any, count: int) -> Any:
-    """``count`` floats of zero for each of the evaluated ``values``.
-
-    For frozen functions: ``dr.zeros`` keeps the size that was recorded, while a kernel whose lanes are a multiple of
-    what it reads keeps the multiple.
-    """
-    types = array_types()
-    number = dr.arange(types.UInt, dr.width(values) * count) + dr.gather(types.UInt, values, 0)
-    return dr.reinterpret_array(types.Float, (number >> 16) >> 16)
 
 
 @lru_cache

@@ -20,6 +20,22 @@ CHECKED_WITH = "1.5"  # version of Dr.Jit
 
 
 @dataclass(frozen=True)
+class Moved:
+    """Rows of parameters where they are to be, on the device once for all parameters that have them."""
+
+    rows: mi.UInt32  # [R] old row of each new one
+    fresh: mi.Bool  # [R] whether a row starts with zero moments
+
+    @staticmethod
+    def of(rows: np.ndarray, fresh: np.ndarray) -> Moved:
+        """From the host."""
+        return Moved(mi.UInt32(rows.astype(np.uint32)), mi.Bool(fresh))
+
+    def __len__(self) -> int:
+        return dr.width(self.rows)
+
+
+@dataclass(frozen=True)
 class Entry:
     """What Adam holds of a parameter."""
 
@@ -53,13 +69,13 @@ class Entry:
         zeros = (dr.opaque(type(x), 0, dr.width(x)) for x in (self.m, self.v))  # literals would compile another kernel
         return replace(self, **dict(zip("mv", zeros, strict=True)))
 
-    def gathered(self, rows: np.ndarray, fresh: np.ndarray, size: int) -> Entry:
-        """Row r of ``size`` values is the old row ``rows[r]``, with its moments unless it is ``fresh``."""
-        i = dr.arange(mi.UInt32, len(rows) * size)
+    def gathered(self, moved: Moved, size: int) -> Entry:
+        """With the rows of ``size`` values that are named, and their moments unless they are fresh."""
+        i = dr.arange(mi.UInt32, len(moved) * size)
         row = i // dr.opaque(mi.UInt32, size)
-        old_row = dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), row)
+        old_row = dr.gather(mi.UInt32, moved.rows, row)
         at = dr.fma(old_row, size, i - row * size)
-        keep = ~dr.gather(mi.Bool, mi.Bool(fresh), row)
+        keep = ~dr.gather(mi.Bool, moved.fresh, row)
         value = dr.gather(mi.Float, dr.detach(self.value), at)
         m, v = (dr.gather(type(x), x, at, keep) for x in (self.m, self.v))  # zero where fresh
         dr.eval(value, m, v)
@@ -72,16 +88,10 @@ def biases(adam: mi.ad.Adam, steps: int) -> tuple[float, float]:
     return 1 - adam.beta_1**steps, 1 - adam.beta_2**steps
 
 
-def gather(adam: mi.ad.Adam, name: str, rows: np.ndarray, fresh: np.ndarray, size: int) -> None:
-    """Take the rows of a parameter that ``Entry.gathered`` names; it is dropped when none is left.
-
-    Args:
-        rows: [R] old row of each new one.
-        fresh: [R] bool, whether a row starts with zero moments.
-        size: values of a row.
-    """
-    if len(rows):
-        Entry.of(adam, name).gathered(rows, fresh, size).put(adam, name)
+def gather(adam: mi.ad.Adam, name: str, moved: Moved, size: int) -> None:
+    """Take other rows of a parameter, of ``size`` values each; it is dropped when none is left."""
+    if len(moved):
+        Entry.of(adam, name).gathered(moved, size).put(adam, name)
     else:
         forget(adam, name)
 

@@ -13,11 +13,9 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from ...engine.arrays import array_types, detached
 from ...engine.frozen import frozen_for_sizes
-from ...engine.parameters import device_array
 from .adam import Entry, biases, step_without
 
 MAX_GRADIENT = 1e18  # its square is a float32
@@ -43,18 +41,19 @@ def _finite(gradient: Any) -> Any:
 def _replayed_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection[str]) -> dict[str, tuple]:
     entries = {name: Entry.of(adam, name) for name in adam}
     used = [name for name in entries if name not in unused]
-    arrays = [[detached(dr.grad(e.value)), *map(detached, (e.value, e.m, e.v))] for e in map(entries.get, used)]
-    sizes = device_array(np.array([_step_size(adam, entries[name]) for name in used]))
+    stepping = [entries[name] for name in used]
+    arrays = [[detached(x) for x in (dr.grad(e.value), e.value, e.m, e.v)] for e in stepping]
+    sizes = [detached(dr.opaque(mi.Float, _step_size(adam, e))) for e in stepping]
     rule = adam.beta_1, adam.beta_2, adam.epsilon
-    stepped, gradients = _stepped(arrays, detached(sizes), rule, tuple(used.index(name) for name in wanted))
+    stepped, gradients = _stepped(arrays, sizes, rule, tuple(used.index(name) for name in wanted))
     before = {name: (arrays[used.index(name)][1], g) for name, g in zip(wanted, gradients, strict=True)}
     for name, entry in entries.items():
         if name in unused:
             replace(entry, t=entry.t + 1).put(adam, name)
-    for name, moved in zip(used, stepped, strict=True):
+    for name, e, moved in zip(used, stepping, stepped, strict=True):
         value, m, v = map(mi.Float, moved)
         dr.enable_grad(value)
-        replace(entries[name], value=value, t=entries[name].t + 1, m=m, v=v).put(adam, name)
+        replace(e, value=value, t=e.t + 1, m=m, v=v).put(adam, name)
     return before
 
 
@@ -64,14 +63,13 @@ def _step_size(adam: mi.ad.Adam, entry: Entry) -> float:
 
 
 @frozen_for_sizes
-def _stepped(arrays: list, sizes: Any, rule: tuple, wanted: tuple) -> tuple[list, list]:
+def _stepped(arrays: list, sizes: list, rule: tuple, wanted: tuple) -> tuple[list, list]:
     """(value, m, v of each array after a step, gradients ``wanted``, by their numbers)."""
     beta_1, beta_2, epsilon = rule
     stepped, gradients = [], []
-    for k, (gradient, value, m, v) in enumerate(arrays):
+    for size, (gradient, value, m, v) in zip(sizes, arrays, strict=True):
         gradient = _finite(gradient)
         m, v = dr.lerp(gradient, m, beta_1), dr.lerp(dr.square(gradient), v, beta_2)
-        size = dr.gather(type(value), sizes, k)
         stepped.append([dr.fma(m * dr.rsqrt(v + epsilon**2), size, value), m, v])
         gradients.append(gradient)
     return stepped, [gradients[k] for k in wanted]

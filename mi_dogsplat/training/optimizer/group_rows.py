@@ -16,7 +16,7 @@ from ...engine.parameters import device_array, rows_of_splats
 from ...engine.project import NO_ROW
 from ...scene.row_groups import BESIDE_COLORS, DOG, RowGroup, row_of_splats
 from ...scene.splats import Splats
-from .adam import gather
+from .adam import Moved, gather
 
 SPARSE_ROW_SIZE = {name: math.prod(shape) for group in BESIDE_COLORS for name, shape in group.arrays.items()}
 NOBODY = np.zeros(0, np.uint32)
@@ -81,6 +81,8 @@ class GroupRows:
 
     def rearranged(self, adam: mi.ad.Adam, index: np.ndarray, fresh: np.ndarray) -> GroupRows:
         """After primitive r has become a copy of ``index[r]``; one that is ``fresh`` has no row."""
+        if not len(self.index):
+            return GroupRows(self.group, self.index, len(index))
         row_of_new = np.where(fresh, -1, self.of_splats()[index])
         having = np.flatnonzero(row_of_new >= 0)
         return self._gathered(adam, row_of_new[having], having, len(index))
@@ -97,18 +99,20 @@ class GroupRows:
         if len(index) == 0:
             return self._gathered(adam, np.zeros(0, int), index, self.n)
         old_row = self.of_splats()[np.asarray(index, np.int64)]  # [M] or -1
+        moved = Moved.of(np.maximum(old_row, 0), old_row < 0)
         for name in self.group.names:
             known = name in adam
             if known:
-                gather(adam, name, np.maximum(old_row, 0), old_row < 0, SPARSE_ROW_SIZE[name])
+                gather(adam, name, moved, SPARSE_ROW_SIZE[name])
             adam[name] = device_array(np.broadcast_to(values[name], (len(index), *self.group.arrays[name])))
             if not known:
                 adam.set_learning_rate({name: rates[name]})
         return GroupRows(self.group, index, self.n)
 
     def _gathered(self, adam: mi.ad.Adam, rows: np.ndarray, index: np.ndarray, n: int) -> GroupRows:
+        moved = Moved.of(rows, np.zeros(len(rows), bool))
         for name in [name for name in self.group.names if name in adam]:
-            gather(adam, name, rows, np.zeros(len(rows), bool), SPARSE_ROW_SIZE[name])
+            gather(adam, name, moved, SPARSE_ROW_SIZE[name])
         return GroupRows(self.group, index, n)
 
 

@@ -55,12 +55,12 @@ class Numbers:
 
 
 @frozen_for_sizes
-def joint_steps(arrays: list[TrainedArray], of_arrays: Any, products: list, numbers: Numbers) -> tuple[list, list]:
+def joint_steps(arrays: list[TrainedArray], of_arrays: list, products: list, numbers: Numbers) -> tuple[list, list]:
     """A step of each primitive.
 
     Args:
         arrays: whose numbers move together; the first one has a row for each primitive.
-        of_arrays: [arrays, 3] step size, and what m and v are divided by, as they began with zero.
+        of_arrays: of each array its step size, and what m and v are divided by, as they began with zero; [1] each.
         products: lower triangles of S before the step, as they are kept (``triangles.py``).
 
     Returns (values of the arrays, the triangles with this gradient in them). Numbers that a primitive does not have go
@@ -71,7 +71,7 @@ def joint_steps(arrays: list[TrainedArray], of_arrays: Any, products: list, numb
     g, u = [], []  # normalised: of all numbers about as large
     there = []  # whether a primitive has them
     for j, array in enumerate(arrays):
-        of_m, of_v = (dr.gather(type(of_arrays), of_arrays, 3 * j + k) for k in (1, 2))
+        _, of_m, of_v = of_arrays[j]
         columns = (array.columns(flat, n) for flat in (array.gradient, array.m, array.v))
         for gradient, m, v in zip(*columns, strict=True):
             scale = dr.sqrt(of_v) * dr.rsqrt(v + numbers.epsilon**2)
@@ -89,7 +89,7 @@ def joint_steps(arrays: list[TrainedArray], of_arrays: Any, products: list, numb
     values = []
     for j, array in enumerate(arrays):
         own, directions = directions[: array.size], directions[array.size :]
-        values.append(array.moved(own, -dr.gather(type(of_arrays), of_arrays, 3 * j)))
+        values.append(array.moved(own, -of_arrays[j][0]))
     return values, kept
 
 

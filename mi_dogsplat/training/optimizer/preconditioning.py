@@ -24,7 +24,6 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.arrays import detached
-from ...engine.parameters import device_array
 from ...scene.row_groups import DOG, PLANES, RowGroup
 from ..milestones import scaled_milestone
 from .adam import Entry, biases
@@ -107,12 +106,13 @@ class Preconditioner:
         for name, e in entries.items():
             group = GROUP.get(name)
             of_group = (detached(rows[group.row]), detached(rows[group.index])) if group else (None, None)
-            arrays[name] = TrainedArray(sizes[name], *of_group, *before[name], detached(e.m), detached(e.v))
+            value, gradient = before[name]
+            arrays[name] = TrainedArray(sizes[name], *of_group, value, gradient, detached(e.m), detached(e.v))
         self._know(arrays)
         of_arrays = [[self.rule.gain * e.rate, *biases(adam, e.steps)] for e in entries.values()]
         numbers = Numbers(PRIOR, self.rule.memory**views, self.rule.damping, adam.epsilon)
-        given = list(arrays.values()), detached(device_array(np.array(of_arrays)))
-        values, self.products = joint_steps(*given, self.products, numbers)
+        opaque = [[detached(dr.opaque(mi.Float, number)) for number in row] for row in of_arrays]
+        values, self.products = joint_steps(list(arrays.values()), opaque, self.products, numbers)
         for (name, entry), stepped in zip(entries.items(), values, strict=True):
             value = mi.Float(stepped)
             dr.enable_grad(value)

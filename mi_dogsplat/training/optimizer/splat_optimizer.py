@@ -16,7 +16,7 @@ import numpy as np
 from ...scene.row_groups import CURVATURES, CUTS, DOG, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
 from ...scene.splats import Splats
 from ..images.tone_curve import ToneCurve
-from .adam import gather
+from .adam import Moved, gather
 from .group_rows import SPARSE_ROW_SIZE, GroupRows, group_arrays
 from .learning_rates import LearningRates
 from .optimizer_state import restore_parameters, saved_parameters
@@ -70,6 +70,13 @@ class SplatOptimizer(TrainedArrays):
         for degree, group in SH.items():
             degrees[self._sh.indices.get(group.index, [])] = degree
         return degrees
+
+    @property
+    def largest_scales(self) -> np.ndarray:
+        """[N] along the longest axis of each primitive, world units; within e^±80. Waits for the device."""
+        x, y, z = self.numpy("log_scales").T
+        longest = np.maximum(np.maximum(x, y), z)  # a twentieth of the time of ``max`` along rows of three
+        return np.exp(np.clip(longest, -80, 80))
 
     @property
     def n_dog(self) -> int:
@@ -205,12 +212,11 @@ class SplatOptimizer(TrainedArrays):
             raise ValueError("SplatOptimizer.rearrange: no primitive would be left")
         self._sweep()
         self._sh, rows_of_bands = self._sh.rearranged(index, self.n)
+        of_all = Moved.of(index, fresh)
         for name in [name for name in self.adam if name not in SPARSE_ROW_SIZE]:
-            if name in rows_of_bands:
-                moved = rows_of_bands[name], fresh[self._sh.primitives(name)]
-            else:
-                moved = index, fresh
-            gather(self.adam, name, *moved, self.row_size[name])
+            of_bands = rows_of_bands.get(name)
+            moved = of_all if of_bands is None else Moved.of(of_bands, fresh[self._sh.primitives(name)])
+            gather(self.adam, name, moved, self.row_size[name])
         self._groups = {name: rows.rearranged(self.adam, index, fresh) for name, rows in self._groups.items()}
         if self.preconditioner:
             self.preconditioner.rearranged(index, fresh)

@@ -153,9 +153,7 @@ def by_gradient(
     n = optimizer.n
     if (rows := dr.width(stats.views)) != n:
         raise ValueError(f"by_gradient: the statistics have {rows} rows, the optimizer has {n}; make new ones")
-    log_scales, logits = optimizer.numpy("log_scales"), optimizer.numpy("logit_opacities")
-    largest = np.exp(np.clip(log_scales.max(1), -80, 80))  # [N] world units
-    opacity = sigmoid(logits)
+    largest, opacity = optimizer.largest_scales, sigmoid(optimizer.numpy("logit_opacities"))
     gradient = stats.mean_gradient()
     grow = gradient > rule.gradient_threshold
     small = largest <= rule.clone_scale * extent  # cloned, not split

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from ...engine.arrays import array_types, constant, detached
@@ -59,8 +60,11 @@ class DensifyStats:
 
     def follow(self, index: np.ndarray) -> None:
         """Row r is a copy of the old row ``index[r]``, as in the optimizer."""
+        types = array_types()
+        old_row = detached(device_array(index, mi.UInt32))
         for name in ("gradient_sum", "views", "max_radius"):
-            setattr(self, name, detached(device_array(getattr(self, name).numpy()[index])))
+            setattr(self, name, dr.gather(types.Float, getattr(self, name), old_row))
+        dr.eval(self.gradient_sum, self.views, self.max_radius)
 
     def mean_gradient(self) -> np.ndarray:
         """[N] mean over the views that saw the primitive; 0 if none did."""

@@ -5,7 +5,10 @@ from importlib.metadata import version
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import pytest
 from mi_dogsplat.training.optimizer.adam import CHECKED_WITH, Entry, forget, step_without
+from mi_dogsplat.training.optimizer.adam_step import adam_step
+from same_numbers import assert_same_numbers
 
 
 def adam_after(steps: int) -> mi.ad.Adam:
@@ -54,3 +57,43 @@ def test_a_step_without_a_parameter_counts_for_it_and_keeps_the_order():
     np.testing.assert_array_equal(adam["a"].numpy(), before)
     forget(adam, "a")
     assert list(adam) == ["b"]
+
+
+@pytest.mark.parametrize("epsilon", [1e-15, 1e-7])
+def test_a_step_is_that_of_the_library(epsilon):
+    """Several in turn, the counts of steps differ, and a parameter is left out now and then."""
+    def begun() -> mi.ad.Adam:
+        values = {"a": mi.Float([1.0, 2.0]), "b": mi.Float([3.0])}
+        adam = mi.ad.Adam(0.1, values, beta_1=0.8, beta_2=0.99, epsilon=epsilon)
+        adam.set_learning_rate({"a": 0.05, "b": 0.2})
+        return adam
+
+    ours, library = begun(), begun()
+    for step in range(6):
+        unused = {"b"} if step in (1, 2) else set()
+        for adam in (ours, library):
+            for k, name in enumerate(adam):
+                size = dr.width(adam[name])
+                dr.set_grad(adam[name], mi.Float(np.cos(np.arange(size) + k + step)) if name not in unused else 0)
+        before = {name: adam_of.numpy() for name, adam_of in library.items()}
+        found = adam_step(ours, unused, [name for name in ("b", "a") if name not in unused])
+        step_without(library, unused)
+        for name in ours:
+            a, b = Entry.of(ours, name), Entry.of(library, name)
+            assert a.steps == b.steps == step + 1
+            for mine, theirs in ((a.value, b.value), (a.m, b.m), (a.v, b.v)):
+                np.testing.assert_allclose(mine.numpy(), theirs.numpy(), rtol=1e-6)
+        for name, (value, gradient) in found.items():
+            np.testing.assert_allclose(value.numpy(), before[name], rtol=1e-6)
+            k, size = list(ours).index(name), dr.width(ours[name])
+            assert_same_numbers(gradient.numpy(), np.cos(np.arange(size) + k + step).astype(np.float32))
+
+
+def test_a_gradient_that_is_no_number_or_has_no_square_moves_nothing():
+    adam = mi.ad.Adam(0.1, {"a": mi.Float([1.0, 2.0, 3.0, 4.0])}, beta_1=0.9, beta_2=0.999, epsilon=1e-15)
+    adam.set_learning_rate({"a": 0.1})
+    dr.set_grad(adam["a"], mi.Float([np.nan, np.inf, 1e30, 1.0]))
+    adam_step(adam, (), ())
+    entry = Entry.of(adam, "a")
+    np.testing.assert_array_equal(entry.value.numpy()[:3], [1, 2, 3])
+    assert entry.value.numpy()[3] < 4 and np.isfinite(entry.v.numpy()).all()

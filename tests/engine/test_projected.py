@@ -1,0 +1,116 @@
+"""The projection as one operation: what ``project`` is, in both modes, replayed or not."""
+
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from frozen_functions import n_recordings
+from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.device_camera import DeviceCamera, Nudge
+from mi_dogsplat.engine.frozen import KINDS_KEPT
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import project
+from mi_dogsplat.engine.projected import projected
+from mi_dogsplat.scene.splats import Splats
+from same_numbers import assert_same_numbers
+from splat_scenes import random_splats, rounded, tilted_camera
+
+CAMERAS = [tilted_camera(16, 12, f=14.0, cx=7.0, cy=6.5), tilted_camera(32, 20, f=20.0, cx=15.0, cy=9.0)]
+EVERYTHING = {"dog_share": 0.5, "slope_share": 0.6, "cut_share": 0.5, "second_cut_share": 0.4, "curvature_share": 0.7}
+
+
+def model(n: int = 20, **shares: float) -> Splats:
+    return rounded(random_splats(n, seed=3, degree=2, **({"dog_share": 0.5} | shares)))
+
+
+def inputs(splats: Splats, view: int = 0, names: tuple | None = None) -> tuple[dict, DeviceCamera]:
+    """(Parameters, of which those of these names are attached, or all; a camera that is nudged)"""
+    params = upload(splats)
+    dr.enable_grad([v for name, v in params.items() if dr.is_float_v(v) and (names is None or name in names)])
+    nudge = Nudge.of(splats.n_splats) if names is None else None
+    return params, replace(DeviceCamera.upload(CAMERAS[view]), nudge=nudge)
+
+
+def columns_of(p) -> list:
+    kernels = [p.kernels, *([p.pseudo] if p.pseudo else [])]
+    return [p.x, p.y, p.depth, *(v for k in kernels for v in (k.ux, k.uy, k.vy, k.lo)), *p.colors, *p.varying]
+
+
+def both(*given, **how) -> list:
+    """What ``projected`` and ``project`` give; ``inputs`` for each."""
+    found = []
+    for function in (projected, project):
+        params, camera = inputs(*given)
+        arrays = {name: v for name, v in params.items() if dr.grad_enabled(v)}
+        arrays |= {f"nudge {k}": v for k, v in enumerate(camera.nudge.values)} if camera.nudge else {}
+        found.append((arrays, function(params, camera, sh_degree=how.get("sh_degree", 2), **how.get("more", {}))))
+    return found
+
+
+SETTINGS = [(model(),), (model(), 1), (model(**EVERYTHING),), (model(dog_share=0),), (model(), 0, ("means", "quats"))]
+
+
+@pytest.mark.parametrize("given", SETTINGS, ids=range(len(SETTINGS)))
+@pytest.mark.parametrize("more", [{}, {"antialiased": True}], ids=["", "antialiased"])
+def test_values_and_gradients_are_those_of_project(given, more):
+    """Three times each: a frozen function records first, and replays."""
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        (ours, p), (theirs, q) = both(*given, more=more)
+        adjoints = [rng.normal(size=dr.width(value)) for value in columns_of(p)]
+        for projection in (p, q):
+            columns = columns_of(projection)
+            for column, δ in zip(columns, adjoints, strict=True):
+                dr.set_grad(column, mi.Float(δ))
+            dr.enqueue(dr.ADMode.Backward, columns)
+            dr.traverse(dr.ADMode.Backward)
+        assert np.array_equal(p.visible.numpy(), q.visible.numpy())
+        spreads = [[k.variance_x, k.variance_y] for k in (p.kernels, q.kernels)]
+        for a, b in zip([*columns_of(p), *spreads[0]], [*columns_of(q), *spreads[1]], strict=True):
+            assert_same_numbers(a.numpy(), b.numpy())
+        assert set(ours) == set(theirs)
+        for name, value in ours.items():
+            assert_same_numbers(dr.grad(value).numpy(), dr.grad(theirs[name]).numpy())
+        moved = [name for name in ours if np.abs(dr.grad(ours[name]).numpy()).max() > 0]
+        assert len(moved) == len(ours) if len(given) < 3 else set(moved) == set(given[2])
+
+
+@pytest.mark.parametrize("given", SETTINGS, ids=range(len(SETTINGS)))
+def test_tangents_are_those_of_project(given):
+    rng = np.random.default_rng(0)
+    (ours, p), (theirs, q) = both(*given)
+    for name, value in ours.items():
+        tangent = rng.normal(size=dr.width(value))
+        for array in (value, theirs[name]):
+            dr.set_grad(array, mi.Float(tangent))
+    for projection in (p, q):
+        dr.forward_to(columns_of(projection), flags=dr.ADFlag.ClearEdges)  # the depth is on the way to the others
+    for a, b in zip(columns_of(p), columns_of(q), strict=True):
+        assert np.abs(dr.grad(b).numpy()).max() > 0 or len(given) == 3  # where few parameters move
+        assert_same_numbers(dr.grad(a).numpy(), dr.grad(b).numpy())
+
+
+def test_numbers_of_primitives_may_come_and_go():
+    """More of them than recordings are kept of."""
+    for n in [*range(3, 5 + KINDS_KEPT), 4, 3]:
+        params, camera = inputs(model(n))
+        values = projected(params, camera, sh_degree=2)
+        expected = project(params, camera, sh_degree=2)
+        assert_same_numbers(values.x.numpy(), expected.x.numpy())
+        dr.backward(values.x + values.kernels.lo)
+        gradient = dr.grad(params["means"]).numpy()
+        dr.set_grad(params["means"], 0)
+        dr.backward(expected.x + expected.kernels.lo)
+        assert_same_numbers(gradient, dr.grad(params["means"]).numpy())
+
+
+def test_another_camera_is_no_other_recording():
+    if array_types().is_llvm:
+        pytest.skip("on a CPU it is project itself")
+    counted = []
+    for view in (0, 1, 0):
+        projected(upload(model()), DeviceCamera.upload(CAMERAS[view]), sh_degree=2)
+        counted.append(n_recordings())
+    assert counted == counted[:1] * 3
