@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -210,7 +211,8 @@ def adam_moved(sizes=(6, 4), steps=1, unused=(), wanted=(), order="abc", **numbe
     """Values, moments and what was asked for after some steps; the gradients of two arrays may be one object."""
     of_names = list(zip("xyz"[: len(sizes)], order[: len(sizes)], sizes, strict=True))
     values = {name: mi.Float(np.linspace(0.1, 0.9, size) + ord(name)) for name, _, size in of_names}
-    adam = mi.ad.Adam(0.1, values, **({"beta_1": 0.9, "beta_2": 0.999, "epsilon": 1e-15} | numbers))
+    rule: dict[str, Any] = {"beta_1": 0.9, "beta_2": 0.999, "epsilon": 1e-15} | numbers
+    adam = mi.ad.Adam(0.1, values, **rule)
     adam.set_learning_rate({name: 0.1 / (1 + k) for k, name in enumerate(values)})
     found = []
     for step in range(steps):

@@ -23,5 +23,7 @@ def test_another_view_with_another_number_of_isects_is_no_other_recording(data, 
             if step == WARM_UP:
                 before = n_recordings()
             trainer.step()
-            isects.add(trainer.render(trainer.optimizer.params, step % len(trainer.photographs))[1].view.n_isects)
+            _, frame = trainer.render(trainer.optimizer.params, step % len(trainer.photographs))
+            assert frame.view
+            isects.add(frame.view.n_isects)
     assert len(isects) > 5 * BY_CHANCE and 3 < before <= n_recordings() <= before + BY_CHANCE
