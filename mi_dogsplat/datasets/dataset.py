@@ -47,6 +47,11 @@ class View:
         """What the image takes of memory."""
         return self.image.nbytes
 
+    @property
+    def pixels(self) -> np.ndarray | None:
+        """[H, W, 3] uint8 that ``from_bytes`` makes the image of, where it is held as such; else None."""
+        return None
+
 
 class ByteView(View):
     """A view whose image is held as the bytes that it was made of, a quarter of the memory."""
@@ -58,13 +63,17 @@ class ByteView(View):
         object.__setattr__(self, "_pixels", pixels)
 
     @property
+    def pixels(self) -> np.ndarray:
+        return object.__getattribute__(self, "_pixels")
+
+    @property
     def n_bytes(self) -> int:
-        return object.__getattribute__(self, "_pixels").nbytes
+        return self.pixels.nbytes
 
     def __getattr__(self, name: str) -> np.ndarray:
         if name != "image":  # asked for only where there is no such attribute
             raise AttributeError(name)
-        return from_bytes(object.__getattribute__(self, "_pixels"))
+        return from_bytes(self.pixels)
 
 
 def seen_by(view: View, camera: Camera) -> View:
@@ -89,7 +98,9 @@ def as_bytes(image: np.ndarray) -> np.ndarray | None:
 
 def from_bytes(pixels: np.ndarray) -> np.ndarray:
     """Display values, float32."""
-    return pixels.astype(np.float32) / 255
+    image = pixels.astype(np.float32)
+    image /= 255  # in place: to ask for memory takes longer than to divide
+    return image
 
 
 class DiskView(View):

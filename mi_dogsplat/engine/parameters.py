@@ -30,13 +30,13 @@ ALIGNMENT = 64  # bytes; Dr.Jit compiles another kernel for memory that is less 
 
 def device_array(values: np.ndarray, dtype: Any = None) -> Any:
     """A flat array on the device, ``mi.Float`` unless told otherwise, that shares no memory with ``values``."""
-    kinds = {mi.UInt32: np.uint32, device_bytes(): np.uint8}
-    flat = np.ravel(values).astype(kinds.get(dtype, np.float32))
-    buffer = np.empty(flat.nbytes + ALIGNMENT, np.uint8)
+    kind = np.dtype({mi.UInt32: np.uint32, device_bytes(): np.uint8}.get(dtype, np.float32))
+    n_bytes = np.size(values) * kind.itemsize
+    buffer = np.empty(n_bytes + ALIGNMENT, np.uint8)
     start = -buffer.ctypes.data % ALIGNMENT
-    aligned = buffer[start : start + flat.nbytes].view(flat.dtype)
-    aligned[:] = flat
-    return (dtype or mi.Float)(aligned)
+    flat = buffer[start : start + n_bytes].view(kind)
+    flat.reshape(np.shape(values))[...] = values  # one copy, whatever their order and type
+    return (dtype or mi.Float)(flat)
 
 
 def device_tensor(values: np.ndarray) -> mi.TensorXf:

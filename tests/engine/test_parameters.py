@@ -3,7 +3,16 @@
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, concatenate, rows_of_splats, upload
+import pytest
+from mi_dogsplat.engine.parameters import (
+    RAW,
+    RAW_DOG,
+    concatenate,
+    device_array,
+    device_bytes,
+    rows_of_splats,
+    upload,
+)
 from mi_dogsplat.engine.project import NO_ROW
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import random_splats, rounded
@@ -30,6 +39,14 @@ def test_a_later_change_of_the_host_arrays_does_not_reach_the_device():
         getattr(splats, name)[:] = 7
     for name in RAW:
         np.testing.assert_array_equal(params[name].numpy(), expected[name].ravel(), err_msg=name)
+
+
+@pytest.mark.parametrize("dtype, kind", [(None, np.float32), (mi.UInt32, np.uint32), ("bytes", np.uint8)])
+@pytest.mark.parametrize("shape", [(), (0,), (5,), (4, 3), (2, 3, 5)])
+def test_an_array_of_any_order_and_type_is_flat_on_the_device_row_by_row(shape, dtype, kind):
+    values = np.random.default_rng(0).integers(0, 200, shape[::-1]).astype(np.int64).T
+    found = device_array(values, device_bytes() if dtype == "bytes" else dtype)
+    np.testing.assert_array_equal(found.numpy(), np.ravel(values).astype(kind))
 
 
 def test_dog_rows_invert_the_index():

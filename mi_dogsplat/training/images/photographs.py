@@ -172,8 +172,7 @@ class Photographs:
     def _target_of(self, prepared: list | Any, mask: Any, view: int) -> Target:
         camera = self.views[view].camera
         if not isinstance(prepared, list):
-            levels = dr.opaque(mi.Float, 255)  # divided by a literal, some levels would be off by a rounding
-            y = mi.Float(prepared) / levels if isinstance(prepared, device_bytes()) else prepared
+            y = _levels(prepared) if isinstance(prepared, device_bytes()) else prepared
             return self.loss.target_of_planes([y], camera.width, camera.height)
         *colors, alpha = prepared
         behind = self.color or [dr.opaque(mi.Float, self.background)] * 3
@@ -193,8 +192,10 @@ class Photographs:
         return found
 
     def _decoded(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
-        """Image and mask."""
-        return view.image, self.mask_folder.of(view) if self.mask_folder else None
+        """Image and mask; the image in bytes where it is held so and the loss sees it as it is."""
+        as_it_is = not (self.mask_folder or self.random or self.curve)
+        pixels = view.pixels if as_it_is else None
+        return view.image if pixels is None else pixels, self.mask_folder.of(view) if self.mask_folder else None
 
     def as_seen(self, image: np.ndarray) -> np.ndarray:
         """[H, W, 3] what the loss sees of an image of the data, over the background that is not random, unmasked."""
@@ -226,11 +227,21 @@ class Photographs:
         if self.random:
             image = self._in_units_of_white(image)
             return [device_array(np.ascontiguousarray(image[..., c])) for c in range(4)]
-        truth = self.as_seen(image)
-        truth = truth if mask is None else truth * mask[..., None]
-        if self.keep_targets or self._readers:
-            return self.loss.target(truth)
-        pixels, planes = as_bytes(truth), (2, 0, 1)
+        planes, pixels = (2, 0, 1), image if image.dtype == np.uint8 else None
         if pixels is None:
-            return device_array(truth.transpose(planes))
-        return device_array(pixels.transpose(planes), device_bytes())
+            truth = self.as_seen(image)
+            truth = truth if mask is None else truth * mask[..., None]
+            if self.keep_targets or self._readers:
+                return self.loss.target(truth)
+            if (pixels := as_bytes(truth)) is None:
+                return device_array(truth.transpose(planes))
+        prepared = device_array(pixels.transpose(planes), device_bytes())
+        if not self.keep_targets:
+            return prepared
+        height, width, _ = pixels.shape
+        return self.loss.target_of_planes([_levels(prepared)], width, height)
+
+
+def _levels(pixels: Any) -> mi.Float:
+    """Display values of bytes on the device."""
+    return mi.Float(pixels) / dr.opaque(mi.Float, 255)  # by a literal some would be off by a rounding

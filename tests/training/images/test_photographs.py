@@ -4,6 +4,7 @@ import gc
 import json
 import shutil
 import weakref
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.datasets import Dataset, load_dataset
-from mi_dogsplat.datasets.dataset import DiskView, View
+from mi_dogsplat.datasets.dataset import DiskView, View, held
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.engine.parameters import device_bytes
@@ -32,6 +33,7 @@ from mi_dogsplat.training.strategy.sieve import near_cameras
 from mi_dogsplat.training.train import Trainer
 from photographs import PIXELS, SHAPE, changed, config_of, image_of, left_half, planes_of, trained, write_masks
 from PIL import Image
+from same_numbers import assert_same_numbers
 
 
 def test_a_random_background_is_another_at_each_step_behind_render_and_photograph(alpha_data):
@@ -52,6 +54,23 @@ def test_a_random_background_is_another_at_each_step_behind_render_and_photograp
         assert float(value[0]) == pytest.approx(float(expected[2][0]), rel=1e-5)
         assert image_of(gradient) == pytest.approx(image_of(expected[3]), rel=1e-3, abs=1e-9)
     assert len(np.unique(np.round(colors, 6))) == 9
+
+
+@pytest.mark.parametrize("keep_targets", [True, False])
+def test_an_image_that_is_held_as_bytes_is_the_same_to_the_loss(data, keep_targets):
+    dataset = load_dataset(data)
+    as_bytes = replace(dataset, train=[held(view) for view in dataset.train])
+    assert all(view.pixels is not None for view in as_bytes.train)
+    as_floats = changed(dataset, lambda k, image: image)
+    assert all(view.pixels is None for view in as_floats.train)
+    render = planes_of(np.random.default_rng(1).uniform(0, 1, (*SHAPE, 3)).astype(np.float32))
+    for view in range(3):
+        (l1, loss, gradient), expected = (
+            Photographs(each, 0.0, keep_targets=keep_targets).compare(render, view, 0) for each in (as_bytes, as_floats)
+        )
+        assert_same_numbers(l1.numpy(), expected[0].numpy())
+        assert_same_numbers(loss.numpy(), expected[1].numpy())
+        assert_same_numbers(image_of(gradient), image_of(expected[2]))
 
 
 def test_with_a_random_background_nothing_opaque_stands_where_the_photograph_is_transparent(alpha_data):
