@@ -27,11 +27,19 @@ def pipelined(work: Callable[[Piece], Result], pieces: Iterable[Piece], piece_by
         piece_bytes: memory that a piece and the work on it take. There are fewer workers where it is scarce.
 
     Raises what ``work`` or ``pieces`` raise. No work goes on then, nor after Ctrl-C: what has begun is waited for. On
-    one core there are no threads.
+    one core there are no threads. BLAS, which has threads of its own for all cores, uses one meanwhile: workers would
+    wait for each other's.
     """
     workers = _workers(piece_bytes)
     if workers == 1:
         return list(map(work, pieces))  # no piece is kept while the next is made
+    from threadpoolctl import threadpool_limits  # of the extras in which something is measured
+
+    with threadpool_limits(1, user_api="blas"):
+        return _by_threads(work, pieces, workers)
+
+
+def _by_threads(work: Callable[[Piece], Result], pieces: Iterable[Piece], workers: int) -> list[Result]:
     results: list[Result] = []
     waiting: deque[Future[Result]] = deque()
     pool = ThreadPoolExecutor(workers)

@@ -17,7 +17,7 @@ from PIL import Image
 ROOT = Path(__file__).parents[2]
 MODULES = {"pillow": "PIL", "zstandard": "zstandard", "flip-evaluator": "flip_evaluator"}
 MODULES |= {name: name for name in ("scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
-MODULES |= {name: name for name in ("pycolmap", "av")}
+MODULES |= {name: name for name in ("threadpoolctl", "pycolmap", "av")}
 HIDDEN = sorted(MODULES.values())
 BEHIND_VIEW = {"view": {"tqdm"}}  # what viser brings along
 

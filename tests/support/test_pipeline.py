@@ -7,6 +7,7 @@ import time
 import pytest
 from mi_dogsplat.support import pipeline
 from mi_dogsplat.support.pipeline import pipelined
+from threadpoolctl import threadpool_info
 
 MAIN = threading.main_thread()
 
@@ -36,6 +37,15 @@ def test_pieces_are_made_by_who_calls_and_one_core_has_no_other_thread(cores):
 
     pipelined(lambda k: workers.add(threading.current_thread()), pieces())
     assert makers == {MAIN} and (workers == {MAIN}) == (cores == 1) and len(workers) <= cores
+
+
+def test_blas_has_one_thread_meanwhile_and_as_many_as_before_afterwards(cores):
+    def threads(_: object = None) -> set[int]:
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    before = threads()
+    assert before and set.union(*pipelined(threads, range(6))) == (before if cores == 1 else {1})
+    assert threads() == before
 
 
 def test_no_more_pieces_are_there_than_workers_and_one(cores, monkeypatch):
