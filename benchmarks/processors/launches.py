@@ -2,9 +2,9 @@
 how long it takes for them.
 
 Dr.Jit's history of kernels says it for every backend. Times are those of the last of some calls, each kernel's by
-itself, so that their sum is what a step takes at least. It does not see all that a driver of CUDA is asked for (the
-transpositions of a sort, memsets, copies); a driver that counts does (``DRJIT_LIBCUDA_PATH``, as ``make test-cuda``
-sets it).
+itself, so that their sum is what a step takes at least; the wall time says what it takes. It does not see all that a
+driver of CUDA is asked for (the transpositions of a sort, memsets, copies); a driver that counts does
+(``DRJIT_LIBCUDA_PATH``, as ``make test-cuda`` sets it).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import ctypes
 import json
 import os
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -25,12 +26,15 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import Dataset, View
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.row_groups import BESIDE_COLORS
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 
 from ..engine.trainer_passes import passes
 
 WARM_UP = 6  # calls, in which frozen functions are recorded
+VIEWS = 5  # of the training; what depends on the number of isects would be the same in each step of one
+ROUNDS, CALLS = 5, 10  # of which the wall time is the median; none in a round waits for the device but of itself
 STAGES = {  # the innermost of these functions that is running, by file and name, has what is launched meanwhile
     ("engine/rasterize.py", "rasterize"): "project",
     ("engine/tiles.py", "tiles"): "tiles",
@@ -135,7 +139,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     """Of some rows, as Markdown."""
     lines = [f"| {' | '.join(rows[0])} |", "|" + "---|" * len(rows[0])]
     for row in rows:
-        cells = [f"{value:.3f}" if name == TIME else str(value or "") for name, value in row.items()]
+        cells = [f"{row[name]:.3f}" if name == TIME else str(row.get(name) or "") for name in rows[0]]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -155,17 +159,20 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--primitives", type=int, default=10_000)
     parser.add_argument("--size", type=int, nargs=2, default=(400, 300), metavar=("W", "H"))
-    parser.add_argument("--dog", action="store_true", help="all primitives are DoG")
+    some = parser.add_mutually_exclusive_group()
+    some.add_argument("--dog", action="store_true", help="all primitives are DoG")
+    some.add_argument("--everything", action="store_true", help="all have what ours_shifts gives them, and joint steps")
     parser.add_argument("--each", action="store_true", help="list the kernels one by one")
     parser.add_argument("--json", type=Path, help="also write the rows to this file")
     args = parser.parse_args(arguments)
     mi.set_variant(args.variant)
     width, height = args.size
     found = []
-    for name, run in passes(trainer_of(args.primitives, width, height, args.dog)).items():
+    trainer = trainer_of(args.primitives, width, height, args.dog, args.everything)
+    for name, run in passes(trainer).items():
         watch = watched(run)
-        print(f"\n# {name} ({args.variant}, {args.primitives:,} primitives, {width}x{height})")
-        rows = rows_of(watch)
+        print(f"\n# {name} ({args.variant}, {trainer.optimizer.n:,} primitives, {width}x{height})")
+        rows = [*rows_of(watch), {"": "wall time", TIME: wall_time(run)}]
         print(table(rows))
         found += [{"pass": name} | row for row in rows]
         if args.each:
@@ -176,14 +183,41 @@ def main(arguments: list[str]) -> None:
         print(f"{len(found)} rows")
 
 
-def trainer_of(n: int, width: int, height: int, dog: bool) -> Trainer:
-    """A training of ``n`` primitives in the middle of its densification, of random pictures."""
+def wall_time(run: Callable[[], Any]) -> float:
+    """Of a call, ms."""
+    for _ in range(WARM_UP):
+        run()
+    times = []
+    for _ in range(ROUNDS):
+        dr.sync_thread()
+        start = time.perf_counter()
+        for _ in range(CALLS):
+            run()
+        dr.sync_thread()
+        times.append((time.perf_counter() - start) / CALLS * 1e3)
+    return float(np.median(times))
+
+
+def trainer_of(n: int, width: int, height: int, dog: bool = False, everything: bool = False) -> Trainer:
+    """A training of ``n`` primitives on random pictures: in the middle of its densification, or, with ``everything``,
+    once all rows are there that ``ours_shifts`` gives."""
     rng = np.random.default_rng(0)
-    camera = Camera(np.eye(4), width, width, width / 2, height / 2, width, height)
     image = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
     points = rng.uniform([-1, -0.8, 2], [1, 0.8, 4], (n, 3)).astype(np.float32)
     colors = rng.uniform(0, 1, (n, 3)).astype(np.float32)
-    dataset = Dataset(Path("random"), [View("random", camera, image)], [], points, colors, False)
+    poses = [np.eye(4) for _ in range(VIEWS)]
+    for k, w2c in enumerate(poses):
+        w2c[0, 3] = 0.02 * k
+    cameras = [Camera(w2c, width, width, width / 2, height / 2, width, height) for w2c in poses]
+    views = [View(f"random {k}", camera, image) for k, camera in enumerate(cameras)]
+    dataset = Dataset(Path("random"), views, [], points, colors, False)
+    if everything:
+        trainer = Trainer(TrainConfig("random", "ours_shifts", steps=30_000, target=0.999), dataset)
+        for group in BESIDE_COLORS:
+            values = {name: rng.normal(0, 0.1, (n, *shape)) for name, shape in group.arrays.items()}
+            trainer.optimizer.set_rows(group, np.arange(n), values)
+        trainer.step_count = 20_001
+        return trainer
     trainer = Trainer(TrainConfig("random", steps=30_000), dataset)
     trainer.step_count = 3_501  # all degrees of SH are in use, and no step of the next hundred changes primitives
     if dog:

@@ -22,6 +22,7 @@ DEMO_SIZE = tuple("--size 256 256 --spp 121".split())
 BENCHMARKS = {
     "renderers": "The same splats in several renderers",
     "launches": "Stages of a step",
+    "launches_everything": "Stages of a step with everything",
     "million": "A million primitives at 1600x1066",
     "device_memory": "Memory of the device",
 }
@@ -138,6 +139,7 @@ def _benchmarks(setup: Setup) -> list[Step]:
     return [
         _benchmark(setup, "renderers", 100, "--primitives", 500, "--width", 64, "--rounds", 1),
         _benchmark(setup, "launches", 40, "--primitives", 500, "--size", 64, 48),
+        _benchmark(setup, "launches_everything", 40, "--primitives", 300, "--size", 64, 48),
         _benchmark(setup, "million", 60, "--primitives", 500, "--size", 64, 48, "--rounds", 1),
         _benchmark(setup, "device_memory", 60, "--primitives", 500, 1000, "--width", 64),
     ]
@@ -145,8 +147,9 @@ def _benchmarks(setup: Setup) -> list[Step]:
 
 def _benchmark(setup: Setup, name: str, limit: float, *small: object) -> Step:
     """One of ``python -m benchmarks``, which writes its rows to a file; ``small``: flags of a quick one."""
-    file = setup.work / f"{name}.json"
-    command = _python("-m", "benchmarks", name, "--variant", "cuda_ad_rgb", "--json", file)
+    file, of = setup.work / f"{name}.json", name.removesuffix("_everything")
+    command = _python("-m", "benchmarks", of, "--variant", "cuda_ad_rgb", "--json", file)
+    command += ["--everything"] if of != name else []
     command += map(str, small if setup.quick else ())
     return Step(name, BENCHMARKS[name], command, limit, 30, partial(results.figures, file), alone=True, bounded=True)
 
