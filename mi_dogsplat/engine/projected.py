@@ -23,8 +23,12 @@ NUDGE = "nudge "  # and a number: name of an array of the camera's nudge
 
 def projected(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
     """What ``project`` returns for the same arguments; differentiable likewise."""
-    if array_types().is_llvm:
-        return project(params, camera, sh_degree=sh_degree, antialiased=antialiased)
+    function = project if array_types().is_llvm else replayed
+    return function(params, camera, sh_degree=sh_degree, antialiased=antialiased)
+
+
+def replayed(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
+    """The operation, on any backend."""
     nudge = {f"{NUDGE}{k}": value for k, value in enumerate(camera.nudge.values)} if camera.nudge else {}
     arrays = params | nudge
     attached = {name: value for name, value in arrays.items() if dr.grad_enabled(value)}

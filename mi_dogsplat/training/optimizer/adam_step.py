@@ -25,8 +25,11 @@ def adam_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection[str]
     """Step by the gradients on the arrays, but not with the arrays ``unused``, for which the step counts all the same.
     A gradient that is not finite, or whose square is not, counts as zero. Returns (value before it, gradient) of the
     arrays ``wanted``."""
-    if not array_types().is_llvm:
-        return _replayed_step(adam, unused, wanted)
+    return (library_step if array_types().is_llvm else replayed_step)(adam, unused, wanted)
+
+
+def library_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection[str]) -> dict[str, tuple]:
+    """The same, on any backend."""
     for value in [value for name, value in adam.items() if name not in unused]:
         dr.set_grad(value, _finite(dr.grad(value)))
     before = {name: (detached(adam[name]), detached(dr.grad(adam[name]))) for name in wanted}
@@ -34,11 +37,8 @@ def adam_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection[str]
     return before
 
 
-def _finite(gradient: Any) -> Any:
-    return dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0)  # false for NaN
-
-
-def _replayed_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection[str]) -> dict[str, tuple]:
+def replayed_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection[str]) -> dict[str, tuple]:
+    """The same, on any backend; gradients may have another rounding."""
     entries = {name: Entry.of(adam, name) for name in adam}
     used = [name for name in entries if name not in unused]
     stepping = [entries[name] for name in used]
@@ -55,6 +55,10 @@ def _replayed_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection
         dr.enable_grad(value)
         replace(e, value=value, t=e.t + 1, m=m, v=v).put(adam, name)
     return before
+
+
+def _finite(gradient: Any) -> Any:
+    return dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0)  # false for NaN
 
 
 def _step_size(adam: mi.ad.Adam, entry: Entry) -> float:

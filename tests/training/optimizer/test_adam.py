@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.training.optimizer.adam import CHECKED_WITH, Entry, forget, step_without
-from mi_dogsplat.training.optimizer.adam_step import adam_step
+from mi_dogsplat.training.optimizer.adam_step import adam_step, library_step, replayed_step
 from same_numbers import assert_same_numbers
 
 
@@ -59,8 +59,9 @@ def test_a_step_without_a_parameter_counts_for_it_and_keeps_the_order():
     assert list(adam) == ["b"]
 
 
+@pytest.mark.parametrize("step_of", [library_step, replayed_step])
 @pytest.mark.parametrize("epsilon", [1e-15, 1e-7])
-def test_a_step_is_that_of_the_library(epsilon):
+def test_a_step_is_that_of_the_library(epsilon, step_of):
     """Several in turn, the counts of steps differ, and a parameter is left out now and then."""
     def begun() -> mi.ad.Adam:
         values = {"a": mi.Float([1.0, 2.0]), "b": mi.Float([3.0])}
@@ -76,7 +77,7 @@ def test_a_step_is_that_of_the_library(epsilon):
                 size = dr.width(adam[name])
                 dr.set_grad(adam[name], mi.Float(np.cos(np.arange(size) + k + step)) if name not in unused else 0)
         before = {name: adam_of.numpy() for name, adam_of in library.items()}
-        found = adam_step(ours, unused, [name for name in ("b", "a") if name not in unused])
+        found = step_of(ours, unused, [name for name in ("b", "a") if name not in unused])
         step_without(library, unused)
         for name in ours:
             a, b = Entry.of(ours, name), Entry.of(library, name)
@@ -89,11 +90,12 @@ def test_a_step_is_that_of_the_library(epsilon):
             assert_same_numbers(gradient.numpy(), np.cos(np.arange(size) + k + step).astype(np.float32))
 
 
-def test_a_gradient_that_is_no_number_or_has_no_square_moves_nothing():
+@pytest.mark.parametrize("step_of", [adam_step, library_step, replayed_step])
+def test_a_gradient_that_is_no_number_or_has_no_square_moves_nothing(step_of):
     adam = mi.ad.Adam(0.1, {"a": mi.Float([1.0, 2.0, 3.0, 4.0])}, beta_1=0.9, beta_2=0.999, epsilon=1e-15)
     adam.set_learning_rate({"a": 0.1})
     dr.set_grad(adam["a"], mi.Float([np.nan, np.inf, 1e30, 1.0]))
-    adam_step(adam, (), ())
+    step_of(adam, (), ())
     entry = Entry.of(adam, "a")
     np.testing.assert_array_equal(entry.value.numpy()[:3], [1, 2, 3])
     assert entry.value.numpy()[3] < 4 and np.isfinite(entry.v.numpy()).all()
