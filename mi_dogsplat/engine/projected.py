@@ -2,7 +2,8 @@
 
 Traced anew in each pass, it takes the host longer than a GPU takes for the kernels of a small model, or of one with
 much besides plain Gaussians. On the CPU kernels are longer, and the gradients, which would go through memory, stay in
-the kernel of the optimizer's step: there it is ``project`` itself.
+the kernel of the optimizer's step: there it is ``project`` itself, as it is where numbers of the camera have
+derivatives, such as those of a sensor.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ NUDGE = "nudge "  # and a number: name of an array of the camera's nudge
 
 def projected(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
     """What ``project`` returns for the same arguments; differentiable likewise."""
-    function = project if array_types().is_llvm else replayed
-    return function(params, camera, sh_degree=sh_degree, antialiased=antialiased)
+    traced = array_types().is_llvm or dr.grad_enabled(camera.anonymous())
+    return (project if traced else replayed)(params, camera, sh_degree=sh_degree, antialiased=antialiased)
 
 
 def replayed(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
-    """The operation, on any backend."""
+    """The operation, on any backend. The camera has no derivatives but by its nudge."""
     nudge = {f"{NUDGE}{k}": value for k, value in enumerate(camera.nudge.values)} if camera.nudge else {}
     arrays = params | nudge
     attached = {name: value for name, value in arrays.items() if dr.grad_enabled(value)}

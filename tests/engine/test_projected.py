@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from frozen_functions import forget, n_recordings
+from mi_dogsplat.engine import projected as module
 from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.device_camera import DeviceCamera, Nudge
 from mi_dogsplat.engine.frozen import KINDS_KEPT
@@ -16,7 +17,7 @@ from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.projected import projected, replayed
 from mi_dogsplat.scene.splats import Splats
 from same_numbers import assert_same_numbers
-from splat_scenes import random_splats, rounded, tilted_camera
+from splat_scenes import random_splats, rounded, scene_of, square_camera, tilted_camera
 
 CAMERAS = [tilted_camera(16, 12, f=14.0, cx=7.0, cy=6.5), tilted_camera(32, 20, f=20.0, cx=15.0, cy=9.0)]
 EVERYTHING: dict[str, Any] = {"slope_share": 0.6, "cut_share": 0.5, "second_cut_share": 0.4, "curvature_share": 0.7}
@@ -94,6 +95,43 @@ def test_tangents_are_those_of_project(given):
         assert_same_numbers(dr.grad(a).numpy(), dr.grad(b).numpy())
 
 
+@pytest.fixture
+def on_a_gpu(monkeypatch) -> None:
+    """What only a GPU replays is replayed here too."""
+    monkeypatch.setattr(module, "array_types", lambda: replace(array_types(), is_llvm=False))
+
+
+def derivatives_of_a_render(names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """By these parameters, backward, and forward along each."""
+    scene = scene_of(model(**EVERYTHING), square_camera(16, 12, f=14.0))
+    params: Any = mi.traverse(scene)
+    for name in names:
+        dr.enable_grad(params[name])
+    weights = mi.TensorXf(np.random.default_rng(0).normal(size=(12, 16, 3)).astype(np.float32))
+    dr.backward(dr.sum(mi.render(scene, params) * weights, axis=None))
+    found = {name: np.ravel(dr.grad(params[name]).numpy()) for name in names}
+    for name in names:
+        dr.set_grad(params[name], 0)
+        dr.set_grad(params[name], 1)
+        found[f"along {name}"] = np.ravel(dr.forward_to(mi.render(scene, params)).numpy())
+        dr.set_grad(params[name], 0)
+    return found
+
+
+@pytest.mark.parametrize(
+    "names", [("splats.means", "splats.dog_log_scales"), ("sensor.x_fov",), ("splats.means", "sensor.x_fov")], ids=str
+)
+def test_derivatives_through_mi_render_are_the_same_replayed(request, names):
+    """Those by a sensor too, whose camera has derivatives that are no nudge's."""
+    expected = derivatives_of_a_render(names)
+    request.getfixturevalue("on_a_gpu")
+    found = derivatives_of_a_render(names)
+    assert set(found) == set(expected)
+    for name, values in found.items():
+        assert np.abs(expected[name]).max() > 1e-3, name
+        assert_same_numbers(values, expected[name])
+
+
 def test_numbers_of_primitives_may_come_and_go():
     """More of them than recordings are kept of."""
     for n in [*range(3, 5 + KINDS_KEPT), 4, 3]:
@@ -113,6 +151,17 @@ def test_another_camera_is_no_other_recording():
     for view in (0, 1, 0):
         replayed(upload(model()), DeviceCamera.upload(CAMERAS[view]), sh_degree=2)
         assert n_recordings() == 1
+
+
+def test_what_a_gpu_replays_follows_from_the_camera(on_a_gpu):
+    params, camera = upload(model()), DeviceCamera.upload(CAMERAS[0])
+    forget()
+    projected(params, camera, sh_degree=1)
+    assert n_recordings() == 1
+    forget()
+    dr.enable_grad(camera.fx)
+    dr.backward(projected(params, camera, sh_degree=1).x)
+    assert n_recordings() == 0 and dr.grad(camera.fx)[0] != 0
 
 
 def test_only_a_gpu_replays():
