@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from .cores import usable_cores
 from .memory import available_memory
 
@@ -33,8 +35,6 @@ def pipelined(work: Callable[[Piece], Result], pieces: Iterable[Piece], piece_by
     workers = _workers(piece_bytes)
     if workers == 1:
         return list(map(work, pieces))  # no piece is kept while the next is made
-    from threadpoolctl import threadpool_limits  # of the extras in which something is measured
-
     with threadpool_limits(1, user_api="blas"):
         return _by_threads(work, pieces, workers)
 
