@@ -14,7 +14,6 @@ import ctypes
 import json
 import os
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -31,10 +30,10 @@ from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 
 from ..engine.trainer_passes import passes
+from ..timing import unawaited
 
 WARM_UP = 6  # calls, in which frozen functions are recorded
 VIEWS = 5  # of the training; what depends on the number of isects would be the same in each step of one
-ROUNDS, CALLS = 5, 10  # of which the wall time is the median; none in a round waits for the device but of itself
 STAGES = {  # the innermost of these functions that is running, by file and name, has what is launched meanwhile
     ("engine/rasterize.py", "rasterize"): "project",
     ("engine/tiles.py", "tiles"): "tiles",
@@ -172,7 +171,7 @@ def main(arguments: list[str]) -> None:
     for name, run in passes(trainer).items():
         watch = watched(run)
         print(f"\n# {name} ({args.variant}, {trainer.optimizer.n:,} primitives, {width}x{height})")
-        rows = [*rows_of(watch), {"": "wall time", TIME: wall_time(run)}]
+        rows = [*rows_of(watch), {"": "wall time", TIME: unawaited(run)}]
         print(table(rows))
         found += [{"pass": name} | row for row in rows]
         if args.each:
@@ -181,21 +180,6 @@ def main(arguments: list[str]) -> None:
     if args.json:
         args.json.write_text(json.dumps(found), encoding="utf-8")
         print(f"{len(found)} rows")
-
-
-def wall_time(run: Callable[[], Any]) -> float:
-    """Of a call, ms."""
-    for _ in range(WARM_UP):
-        run()
-    times = []
-    for _ in range(ROUNDS):
-        dr.sync_thread()
-        start = time.perf_counter()
-        for _ in range(CALLS):
-            run()
-        dr.sync_thread()
-        times.append((time.perf_counter() - start) / CALLS * 1e3)
-    return float(np.median(times))
 
 
 def trainer_of(n: int, width: int, height: int, dog: bool = False, everything: bool = False) -> Trainer:

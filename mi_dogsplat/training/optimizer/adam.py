@@ -29,7 +29,7 @@ class Moved:
     @staticmethod
     def of(rows: np.ndarray, fresh: np.ndarray) -> Moved:
         """From the host."""
-        return Moved(mi.UInt32(rows.astype(np.uint32)), mi.Bool(fresh))
+        return Moved(device_array(rows, mi.UInt32), mi.Bool(fresh))
 
     def __len__(self) -> int:
         return dr.width(self.rows)

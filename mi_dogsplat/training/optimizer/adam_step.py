@@ -38,7 +38,7 @@ def library_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection[s
 
 
 def replayed_step(adam: mi.ad.Adam, unused: Collection[str], wanted: Collection[str]) -> dict[str, tuple]:
-    """The same, on any backend; gradients may have another rounding."""
+    """The same, on any backend; its values may be rounded otherwise."""
     entries = {name: Entry.of(adam, name) for name in adam}
     used = [name for name in entries if name not in unused]
     stepping = [entries[name] for name in used]

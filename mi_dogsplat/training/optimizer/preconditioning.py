@@ -82,7 +82,6 @@ class Preconditioner:
         self.rule = rule
         self.columns: list[tuple[str, int]] = []
         self.products: list[Any] = []
-        self.n = 0  # primitives that they are of
 
     @staticmethod
     def names(adam: mi.ad.Adam) -> list[str]:
@@ -137,7 +136,7 @@ class Preconditioner:
 
     def restore(self, saved: Mapping[str, np.ndarray], sizes: Mapping[str, int], n: int) -> None:
         """Take over what ``state`` gave. Raises ``ValueError`` unless it is of ``n`` primitives."""
-        self.columns, self.products, self.n = [], [], 0
+        self.columns, self.products = [], []
         for key in [key for key in saved if key.startswith(PRODUCTS)]:
             names = key[len(PRODUCTS) :].split("+")
             if set(names) <= set(JOINT):
@@ -161,10 +160,10 @@ class Preconditioner:
 
     def _entries(self) -> np.ndarray:
         """[entries, N] on the host."""
-        return to_host(self.products, self.n)
+        return to_host(self.products, n_pairs(len(self.columns)))
 
     def _keep(self, entries: np.ndarray) -> None:
-        self.products, self.n = upload(entries), entries.shape[1]
+        self.products = upload(entries)
 
 
 def _begun(columns: list) -> np.ndarray:

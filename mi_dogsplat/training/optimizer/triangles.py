@@ -24,9 +24,9 @@ def upload(entries: np.ndarray) -> list:
     return [detached(device_array(values)) for values in kept]
 
 
-def to_host(kept: list, n: int) -> np.ndarray:
-    """[entries, N] of ``n`` primitives."""
-    found = np.empty((sum(len(values) for values in kept) // n, n), np.float32)
+def to_host(kept: list, entries: int) -> np.ndarray:
+    """[entries, N], of as many entries."""
+    found = np.empty((entries, sum(map(len, kept)) // entries), np.float32)
     for rows, values in zip(np.split(found, len(kept)), kept, strict=True):
         rows[:] = values.numpy().reshape(rows.shape)
     return found
