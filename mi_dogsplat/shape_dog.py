@@ -162,7 +162,7 @@ class DogShape(mi.Mesh):
         if self.drawing.near_clip is not None:  # in units of the file
             self.drawing = replace(self.drawing, near_clip=self.drawing.near_clip * mean_scale(matrix))
         self.to_world, self._moves = mi.Transform4f(), False
-        self._fits = True
+        self._fits, self._checked = True, (splats.n_splats, splats.sh_coeffs.shape[1])
 
     def _assign(self, splats: Splats):
         for name in RAW:
@@ -204,16 +204,17 @@ class DogShape(mi.Mesh):
         require_rows(shapes, rows, n, "means")
         for group in self.groups:
             require_rows(shapes, group.arrays, dr.width(getattr(self, group.index)), group.index)
-        changed = [g for g in self.groups if not keys or g.index in keys or "means" in keys]
+        # the device is waited for where an index is read: so only if it is another, or the number of primitives is
+        changed = [g for g in self.groups if not keys or g.index in keys or n != self._checked[0]]
         for group in changed:
             index = getattr(self, group.index).numpy()
             require_index(group.index, index, n)
             if group.index in ROWS:
                 self._rows[group.index] = rows_of_splats(index, n)
         of_degrees = [group for group in SH.values() if group in self.groups]
-        if of_degrees and (changed or "sh_coeffs" in keys):
+        if of_degrees and (changed or size != self._checked[1]):
             require_one_degree([getattr(self, group.index).numpy() for group in of_degrees], size)
-        self._fits = True
+        self._fits, self._checked = True, (n, size)
 
     @property
     def parameters(self) -> dict:

@@ -126,12 +126,16 @@ def write_misfits(
     folder = out / Path(MISFITS).parent
     folder.mkdir(exist_ok=True)
     named = {view.name: view for view in some}
-    for misfit in misfits:
-        view = named[misfit.name]
-        render, truth = np.clip(picture(view), 0, 1), photograph(view, background)
+
+    def write(of: _Rendered) -> None:
+        view, image = of
+        render, truth = np.clip(image, 0, 1), photograph(view, background)
         error = heat_map(np.clip(np.abs(render - truth).mean(axis=2) / ERROR_FULL, 0, 1))
-        for end, image in (("", render), ("_gt", truth), ("_error", error)):
-            write_png(folder / f"{misfit.name}{end}.png", _small(image))
+        for end, shown in (("", render), ("_gt", truth), ("_error", error)):
+            write_png(folder / f"{view.name}{end}.png", _small(shown))
+
+    poor = [named[misfit.name] for misfit in misfits]
+    pipelined(write, ((view, picture(view)) for view in poor), measuring_bytes(poor))
     found = {misfit.name: asdict(misfit) for misfit in misfits}
     content = {"n_views": len(views), "fewest": FEWEST, "psnr": quality, "misfits": found}
     write_json(out / MISFITS, content | {"seconds": round(time.monotonic() - start, 3)})

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import Splats, read_ply, reference, write_ply
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.engine.project import NO_ROW
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import axis_rotation, dog_dict, make_splats, random_splats, rounded, scalar_transform
 
@@ -118,6 +119,28 @@ def test_the_number_of_primitives_may_change_through_update():
     params.update()
     assert_equal(shape.to_splats(), other)
     assert shape.sh_size == 16
+
+
+def test_an_index_is_read_again_only_if_it_is_another_or_the_number_of_primitives_is():
+    shape: Any = load()
+    params: Any = mi.traverse(shape)
+    rows = shape.parameters["dog_row"]
+    for name in RAW + RAW_DOG:
+        params[name] = 1.5 * params[name]
+    params.update()
+    assert shape.parameters["dog_row"].index == rows.index
+
+    more = np.concatenate([np.arange(MODEL.n_splats), [0, 1]])
+    for name in RAW:
+        params[name] = mi.TensorXf(getattr(MODEL, name)[more])
+    params.update()
+    expected = np.concatenate([rows.numpy(), np.full(2, NO_ROW)])
+    np.testing.assert_array_equal(shape.parameters["dog_row"].numpy(), expected)
+
+    for name in RAW:
+        params[name] = mi.TensorXf(getattr(MODEL, name)[: MODEL.dog_index.max()])
+    with pytest.raises(RuntimeError, match=f"names primitive {MODEL.dog_index.max()}"):
+        params.update()
 
 
 @pytest.mark.parametrize("name", RAW + RAW_DOG)
