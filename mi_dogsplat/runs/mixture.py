@@ -94,13 +94,15 @@ def write_comparison(
     counted = {"with_dog": masked(ours, truth, mask), "without_dog": masked(plain, truth, mask)}
     row = most_different_row(*counted.values())
     profile: dict[str, Any] = {"view": view.name, "without": without, "row": row}
+    flips = {key: flip(picture, truth, mask, view.name) for key, picture in counted.items()}
     for key, picture in counted.items():
         profile[key] = {
-            "metrics": evaluate(picture, truth, view.name, mask),
+            "metrics": evaluate(picture, truth, view.name, mask, flips[key][0]),
             "error": np.round(row_error(picture, truth, row), DIGITS).tolist(),
         }
     write_png(out / f"{view.name}_plain.png", plain)
-    write_png(out / f"{view.name}_plain_error.png", heat_map(flip(plain, truth)[1]))
+    error = flips["without_dog"][1] if mask is None else flip(plain, truth)[1]  # of all pixels
+    write_png(out / f"{view.name}_plain_error.png", heat_map(error))
     with replacing(out / DOG_PROFILE) as part:
         part.write_text(json.dumps(profile) + "\n", encoding="utf-8")
     return profile
