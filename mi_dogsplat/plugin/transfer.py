@@ -3,7 +3,8 @@
 ``emitted``: what blended primitives add to light that passes them.
 
 Mitsuba's own (``mi.math``) is a fast approximation made for 0..1: a radiance of 100 loses 6 % on its way there and
-back, one of 1000 three quarters. Brighter pixels take the formula, in a branch that packets without one jump over.
+back, one of 1000 three quarters. Brighter pixels take the formula; on the CPU in a branch that packets without one jump
+over, while a GPU has long computed both before Python has traced a branch and its derivative.
 The curve of ``engine/srgb.py`` takes three times as long within 0..1, and nine values in ten get other bits there.
 """
 
@@ -12,7 +13,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..engine.arrays import if_stmt
+from ..engine.arrays import array_types, if_stmt
 from ..support.srgb import OFFSET, POWER
 
 
@@ -51,6 +52,9 @@ def _by_brightness(colors: list[mi.Float], within_one, above_one) -> list[mi.Flo
 
     def bright(*colors):
         return [dr.select(c > 1, above_one(dr.maximum(c, 1)), within_one(dr.minimum(c, 1))) for c in colors]
+
+    if not array_types().is_llvm:
+        return bright(*colors)
 
     def usual(*colors):
         return [within_one(c) for c in colors]
