@@ -162,6 +162,7 @@ class DogShape(mi.Mesh):
         if self.drawing.near_clip is not None:  # in units of the file
             self.drawing = replace(self.drawing, near_clip=self.drawing.near_clip * mean_scale(matrix))
         self.to_world, self._moves = mi.Transform4f(), False
+        # whether the last update fits; numbers of primitives and coefficients of the last that did
         self._fits, self._checked = True, (splats.n_splats, splats.sh_coeffs.shape[1])
 
     def _assign(self, splats: Splats):
