@@ -3,8 +3,8 @@
 ``emitted``: what blended primitives add to light that passes them.
 
 Mitsuba's own (``mi.math``) is a fast approximation made for 0..1: a radiance of 100 loses 6 % on its way there and
-back, one of 1000 three quarters. Brighter pixels take the formula; on the CPU in a branch that packets without one jump
-over, while a GPU has long computed both before Python has traced a branch and its derivative.
+back, one of 1000 three quarters. Brighter pixels take the formula: on the CPU in a branch, which packets without one
+jump over; on CUDA every pixel computes both, as tracing the branch and its derivative takes Python .3 ms.
 The curve of ``engine/srgb.py`` takes three times as long within 0..1, and nine values in ten get other bits there.
 """
 

@@ -1,5 +1,6 @@
 """Emitters behind the splats: what Mitsuba's own path tracer sees of them, and its derivatives."""
 
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -7,6 +8,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference, to_dog
+from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.plugin import transfer
 from mi_dogsplat.plugin.transfer import linear_to_srgb, srgb_to_linear
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import random_splats, rounded, scene_of, sensor_dict, square_camera
@@ -86,7 +89,9 @@ def test_splats_are_blended_over_it_in_their_own_colour_space(srgb_primitives):
     assert np.abs(got - expected).mean() < 1e-4 * expected.mean()
 
 
-def test_the_curve_on_the_device_is_that_of_the_standard_and_its_inverse():
+@pytest.mark.parametrize("branches", [True, False], ids=["as on the CPU", "as on CUDA"])
+def test_the_curve_on_the_device_is_that_of_the_standard_and_its_inverse(branches, monkeypatch):
+    monkeypatch.setattr(transfer, "array_types", lambda: replace(array_types(), is_llvm=branches))
     values = np.concatenate([np.linspace(-2, 2, 4001), np.geomspace(1, 1e5, 100)]).astype(np.float32)
     linear, display = (f([mi.Float(values)])[0].numpy() for f in (srgb_to_linear, linear_to_srgb))
     np.testing.assert_allclose(linear, to_linear(values.astype(float)), rtol=1e-5)
