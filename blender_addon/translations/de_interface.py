@@ -259,7 +259,7 @@ REST = {
     "Near Clip": "Nahe Schnittebene",
     "Viewport Share": "Anteil im Ansichtsfenster",
     "While Moving": "Beim Bewegen",
-    "What a viewport shows that moves": "Was ein bewegtes Ansichtsfenster zeigt",
+    "What a viewport shows while it moves": "Was ein bewegtes Ansichtsfenster zeigt",
     "Points where a processor draws, else the most important splats": (
         "Punkte, wo ein Prozessor zeichnet, sonst die wichtigsten Splats"
     ),

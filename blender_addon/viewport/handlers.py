@@ -27,7 +27,7 @@ WAYS = (
 )
 PROPERTIES = {
     "dogsplat_moving": EnumProperty(
-        name="While Moving", items=WAYS, default="AUTOMATIC", description="What a viewport shows that moves"
+        name="While Moving", items=WAYS, default="AUTOMATIC", description="What a viewport shows while it moves"
     ),
     "dogsplat_moving_count": IntProperty(
         name="Splats While Moving",

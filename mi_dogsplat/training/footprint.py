@@ -4,8 +4,8 @@ On a GPU it is the memory of the device, where neither Python nor the pictures a
 
 Measured on the CPU (LLVM, resident size; docs/trust.md has the table): within 10 % from 50,000 to 600,000 primitives.
 F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``SplatOptimizer``). Rows of DoG,
-slopes, curvatures and cuts and the products of preconditioned steps come when pruning is over: they count where what is
-left then needs more than all primitives before.
+slopes, curvatures, shifts and cuts and the products of preconditioned steps come when pruning is over: they count where
+what is left then needs more than all primitives before.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ SUMMARY = "fewer primitives, without photographs"
 EXAMPLES = """
 Examples:
   dogsplat simplify model.ply -o small.ply --target 10%       a tenth of its primitives, in minutes
-  dogsplat simplify model.ply -o small.ply --target 20 --steps 0
+  dogsplat simplify model.ply -o small.ply --target 20000 --steps 0
                                                               so many, merged alone: in seconds
   dogsplat simplify model.ply -o small.ply --target 5% --dog  with Differences of Gaussians
 
