@@ -42,8 +42,9 @@ def chosen(words: Sequence[str]) -> list[str]:
 
 
 def at_target(name: str, target: float) -> str:
-    """The name of a method with another target."""
-    return f"{name}{AT}{target:g}"
+    """The name of a method with another target, which is behind ``AT``, exactly."""
+    short = f"{target:g}"
+    return f"{name}{AT}{short if float(short) == target else repr(target)}"
 
 
 def seed_order(seed: str) -> tuple[int, str]:

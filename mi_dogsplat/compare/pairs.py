@@ -62,7 +62,8 @@ def table_of_pairs(folder: Path, rows: dict[str, Any]) -> dict[str, Any] | None:
         times = [seconds_to(folder / f"seed_{seed}" / name, level) for seed in row["runs"]]
         known = [seconds for seconds in times if seconds is not None]
         shown = f"{np.median(known):,.0f}" if len(known) == len(times) else f"{len(known)} of {len(times)} runs"
-        lines.append([row["label"], *_words(differences.get(name)), shown if known else "never"])
+        words = ("", "the reference") if name == reference else _words(differences.get(name))
+        lines.append([row["label"], *words, shown if known else "never"])
     return {
         "reference": rows[reference]["label"],
         "level": f"{level:.2f} dB",
@@ -89,7 +90,7 @@ def margin(rows: dict[str, Any]) -> str:
 def _words(difference: tuple[float, float | None] | None) -> tuple[str, str]:
     """The difference with its interval, and what it says."""
     if difference is None:
-        return "", "the reference"
+        return "", "no seed in common"
     mean, half = difference
     if half is None:
         return f"{mean:+.2f}", "one seed: no interval"

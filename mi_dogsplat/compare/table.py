@@ -14,9 +14,10 @@ import numpy as np
 
 from ..report.run_folder import CONFIG
 from ..support.files import replacing, write_json
+from ..support.wording import counted
 from .folders import settings_in
 from .methods import METHODS
-from .names import AT
+from .names import AT, seed_order
 from .numbers import collect, collect_targets, summary
 
 COMPARISON = "comparison.json"
@@ -82,10 +83,15 @@ def columns(table: dict[str, Any], data: str) -> list[str]:
 
 
 def label(table: dict[str, Any], data: str, method: str) -> str:
-    """Of a row; with the number of seeds where that is not the same for all rows."""
-    counts = {name: len(row["data"][data]["runs"]) for name, row in table["methods"].items() if data in row["data"]}
-    seeds = f" ({counts[method]} seed{'s' * (counts[method] != 1)})" if len(set(counts.values())) > 1 else ""
-    return table["methods"][method]["label"] + seeds
+    """Of a row; with its seeds where these are not the same for all rows: their number, or where that is, which."""
+    rows = {name: row["data"][data]["runs"] for name, row in table["methods"].items() if data in row["data"]}
+    seeds = {name: tuple(sorted(runs, key=seed_order)) for name, runs in rows.items()}
+    own, words = seeds[method], ""
+    if len({len(some) for some in seeds.values()}) > 1:
+        words = f" ({counted(len(own), 'seed')})"
+    elif len(set(seeds.values())) > 1:
+        words = f" (seed{'s' * (len(own) != 1)} {', '.join(own)})"
+    return table["methods"][method]["label"] + words
 
 
 def cells(table: dict[str, Any], data: str, method: str) -> list[tuple[str, bool]]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ..scene.cameras import Camera
+from ..scene.cameras import Camera, spread_of
 from ..support.errors import DataError
 
 if TYPE_CHECKING:
@@ -238,8 +238,6 @@ def require_unique_names(path: Path, names: Sequence[str]) -> None:
 def camera_extent(views: Sequence[View]) -> float:
     """Scene extent in world units: 1.1 x the largest distance of a camera from the mean camera (3DGS).
 
-    Cameras that all coincide say nothing about the scale; they get 1.
+    Cameras that are all at one place say nothing about the scale; they get 1.
     """
-    positions = np.array([view.camera.position for view in views])  # [V, 3]
-    extent = 1.1 * float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    return extent or 1.0
+    return 1.1 * spread_of([view.camera for view in views]) or 1.0

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..scene.drawing import Drawing, comments_of
 from ..scene.ply import write_ply
+from ..scene.radiance import brightened
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from .coded import CODED, snapped
 from .model import Model
@@ -57,13 +58,19 @@ class Prices:
 
 @dataclass(frozen=True)
 class FileKind:
-    """A format that a training can end in, of ``KINDS``, and how the file says that its model is drawn."""
+    """A format that a training can end in, of ``KINDS``, and how the file says that its model is drawn.
+
+    ``in_units_of_white``: of linear images models are given so here, as in training; the file has their radiance.
+    """
 
     name: str
     drawing: Drawing = Drawing()
+    in_units_of_white: bool = False
 
     def encoded(self, splats: Splats) -> bytes:
         """The file of a model; its primaries, whole, in their mean colours and places, where the format has no more."""
+        if self.in_units_of_white and self.drawing.white is not None:
+            splats = brightened(splats, self.drawing.white)
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"model.{self.name}"
             if self.name == "ply":

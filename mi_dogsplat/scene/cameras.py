@@ -15,12 +15,14 @@ Pixel (i, j), column i and row j counted from the top left, has its centre at (i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 RIGID_TOLERANCE = 1e-3  # largest |R R^T - I| that is still rounding, not a scale or a shear
+SAME_PLACE = 1e-9  # by which positions, which follow from poses, may differ: world units, or a share of the largest
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -100,6 +102,13 @@ class Camera:
         ratio."""
         x, y = width / self.width, height / self.height
         return Camera(self.w2c, self.fx * x, self.fy * y, self.cx * x, self.cy * y, width, height)
+
+
+def spread_of(cameras: Sequence[Camera]) -> float:
+    """Largest distance of a camera from the mean of all, world units; 0 where they are at one place up to rounding."""
+    positions = np.array([camera.position for camera in cameras])  # [V, 3]
+    spread = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+    return spread if spread > SAME_PLACE * max(1.0, float(np.abs(positions).max())) else 0.0
 
 
 def nearest_rigid(matrix: ArrayLike, mirror: bool = False) -> np.ndarray:

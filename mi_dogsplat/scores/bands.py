@@ -37,7 +37,7 @@ from ..engine.sh import unit_basis
 from ..engine.view import prepare
 from ..engine.walks.squared_weights import composite_squared_weights
 from ..scene.sh_basis import SH_SIZES, sh_degree_of
-from .counted import MaskOf, counted
+from .counted import WeightOf, counted
 
 RIDGE = 1e-3  # of what the diagonal of H would be if the views came from all around
 ROWS = 16_384  # primitives at a time on the host, which bounds the memory: 2 KB each at degree 3
@@ -103,7 +103,7 @@ def bands(
     x: np.ndarray,
     cameras: Sequence[DeviceCamera],
     options: RasterOptions,
-    masks: MaskOf | None = None,
+    masks: WeightOf | None = None,
 ) -> Bands:
     """Walk through all views.
 
@@ -111,7 +111,7 @@ def bands(
         params: as in ``rasterize``.
         x: [N, K, 3] the SH coefficients in them, K that of the highest degree.
         cameras: all training views.
-        masks: of these; None: all pixels count.
+        masks: of these, or weights of their pixels; None: all pixels count.
 
     Takes 4 K (K + 1) / 2 bytes a primitive on the device.
     """

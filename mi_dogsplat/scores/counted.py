@@ -1,4 +1,5 @@
-"""Which pixels of the training views count: what masks paint black, the loss does not see, nor does a score."""
+"""Which pixels of the training views count, and how much: what masks paint black, the loss does not see, nor does a
+score."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ from ..engine.arrays import detached
 from ..engine.parameters import device_array
 
 MaskOf: TypeAlias = Callable[[int], np.ndarray | None]  # [H, W] of a view, 1 where a pixel counts, else 0; None: all do
+WeightOf: TypeAlias = MaskOf  # the same, or how much a squared change of a pixel counts
 
 
 def counted(masks: MaskOf | None, view: int) -> Any:

@@ -8,8 +8,9 @@ primitive is removed, P, if a DoG primitive becomes its primary, or Q, if a prim
     Uf_i = Σ_ω w(ω) |F̂_i(ω)|² / (H W)     spectral, w(ω) = (|ω| / ω_corner)^γ; w = 1 would give U_i (Parseval)
     score_i = λ_s U_i / ‖U‖₂ + λ_f Uf_i / ‖Uf‖₂
 
-F is 0 where a mask says that a pixel does not count. ``released`` is the authors' code: U of the image clamped to
-[0, 1], whose derivative is 0 where a channel is clamped, with the weight of its ``band_pass_weight`` on each pixel.
+F is 0 where a mask says that a pixel does not count. ``released`` is the authors' code: U of the image clamped to [0,
+1], whose derivative is 0 where a channel is clamped, with the weight of its ``band_pass_weight`` on each pixel; through
+no tone curve.
 
 Uf without N Fourier transforms. With h the filter whose frequency response is √w, Uf_i = ‖h * F_i‖². For white noise z
 (independent signs) and ξ = h * z, the pixel sum s_i = Σ ξ F_i has E[s_i²] = Uf_i: one walk serves all primitives and
@@ -36,6 +37,7 @@ from ..engine.walks.score import Sums, composite_score
 from ..scene.opacity import sigmoid
 from ..scene.row_groups import CUTS, PLANES, SECOND_CUTS, RowGroup
 from .counted import MaskOf, counted
+from .toned import Curve, mean_slope
 
 CUT_KINDS = {"leave-cut-out": CUTS, "leave-second-cut-out": SECOND_CUTS}
 KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out", "leave-dog-out", *CUT_KINDS)
@@ -50,14 +52,6 @@ class Score(Protocol):
     def __call__(
         self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
     ) -> np.ndarray: ...
-
-
-class Curve(Protocol):
-    """A tone curve, ``training/images/tone_curve.py``."""
-
-    def slope(self, x: Any) -> Any:
-        """Its derivative."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -178,12 +172,11 @@ def _view_sums(
     pictured, view = prepare_both(params, camera, options, sums.blocks)
     image = composite_over(pictured, background)
     planes = []
-    if sums.weighted and rule.curve:
-        slopes = [rule.curve.slope(plane).numpy() for plane in image]
-        planes.append(np.mean(slopes, axis=0))
-    elif sums.weighted:
+    if rule.kind == "released":
         picture = np.stack([plane.numpy() for plane in image], -1).reshape(camera.height, camera.width, 3)
         planes.append(band_pass_weight(np.clip(picture, 0, 1)))
+    elif rule.curve:
+        planes.append(mean_slope(rule.curve, image))
     if sums.clamped:
         planes += [((plane.numpy() >= 0) & (plane.numpy() <= 1)).astype(np.float32) for plane in image]
     if sums.probes:

@@ -33,18 +33,18 @@ from ..engine.project import LOG2_E, Projection, project
 from ..engine.view import prepare
 from ..engine.walks.squared_weights import composite_squared_weights
 from ..scene.curvatures import mean_brightness
-from .counted import MaskOf, counted
+from .counted import WeightOf, counted
 
 
 def slope_losses(
-    params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, masks: MaskOf | None = None
+    params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, masks: WeightOf | None = None
 ) -> np.ndarray:
     """[N] energy of the change of all views without the slopes of a primitive; 0 where it has none.
 
     Args:
         params: as in ``rasterize``, with slopes.
         cameras: all training views.
-        masks: of these; None: all pixels count.
+        masks: of these, or weights of their pixels; None: all pixels count.
     """
 
     def change(projection: Projection) -> Any:
@@ -59,7 +59,7 @@ def slope_losses(
 
 
 def curvature_losses(
-    params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, masks: MaskOf | None = None
+    params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, masks: WeightOf | None = None
 ) -> np.ndarray:
     """The same without the curvatures of a primitive. Arguments as for ``slope_losses``."""
     average = np.zeros(dr.width(params["logit_opacities"]))
@@ -84,7 +84,7 @@ def _losses(
     params: dict,
     cameras: Sequence[DeviceCamera],
     options: RasterOptions,
-    masks: MaskOf | None,
+    masks: WeightOf | None,
     change: Callable[[Projection], Any],
 ) -> np.ndarray:
     """[N] sums over the views of h times ``change``, the mean square of that of a colour."""

@@ -12,7 +12,7 @@ from ..datasets import Dataset
 from ..formats.model import Model
 from ..formats.read import read_model
 from ..formats.sizes import FileKind
-from ..scene.cameras import Camera
+from ..scene.cameras import Camera, spread_of
 from ..scene.radiance import brightened
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
@@ -73,21 +73,22 @@ def region_of_interest(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:
     """(centre [3], half side) of the cube that the cameras look at.
 
     Where the optical axes meet in front of most cameras (least squares), the cube reaches as far as the
-    median camera sees across at that distance. Where they do not (parallel axes, a look-around, one camera)
-    nothing tells the depth: the cube begins at the cameras and is six times as deep as their spread.
+    median camera sees across at that distance. Where they do not (parallel axes, a look-around, cameras at one place)
+    nothing tells the depth: the cube begins at the cameras and is six times as deep as their spread, or as 1.
     """
+    spread = spread_of(cameras)
     directions = np.array([camera.w2c[2, :3] for camera in cameras])  # [V, 3]
     positions = np.array([camera.position for camera in cameras])  # [V, 3]
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # [V, 3, 3]
     A = across.mean(0)
-    if np.linalg.eigvalsh(A)[0] > 1e-3:  # 0 for parallel axes; about the mean squared sine of their angles
+    if spread and np.linalg.eigvalsh(A)[0] > 1e-3:  # 0 for parallel axes; about the mean squared sine of their angles
         centre = np.linalg.solve(A, np.einsum("vij,vj->i", across, positions) / len(cameras))
         depths = np.einsum("vi,vi->v", centre - positions, directions)
         if np.mean(depths > 0) > 0.5:
             tangents = [max(camera.width / camera.fx, camera.height / camera.fy) / 2 for camera in cameras]
             return centre, float(np.median(depths[depths > 0]) * np.median(tangents))
     mean = positions.mean(0)
-    spread = float(np.linalg.norm(positions - mean, axis=1).max()) or 1.0
+    spread = spread or 1.0
     return mean + 3 * spread * directions.mean(0), 3 * spread
 
 

@@ -72,7 +72,7 @@ class Trainer:
         self.photographs = Photographs(
             dataset, self.background, self.near_clip, config.background == "random", config.masks,
             config.steps if config.appearance else None, config.data_on_disk,
-            self.memory is None or self.memory.keep_targets, recipe.curve,
+            self.memory is None or self.memory.keep_targets, recipe.curve, config.batch_views,
         )  # fmt: skip
         rates = LearningRates(
             self.extent, recipe.position_steps,
@@ -86,7 +86,7 @@ class Trainer:
         self.order: list[int] = []  # of the views that are still to come in this turn, from its end
         self.losses = LossMeans()
         self.sieve = Sieve(config.near_zone)
-        kind = FileKind(config.format, replace(self.drawing, white=None))  # whose models are in units of white
+        kind = FileKind(config.format, self.drawing, in_units_of_white=True)
         size = None if config.target_bytes is None else (config.target_bytes, kind)
         self.strategies = recipe.strategies(self.sieve, size)
         self.states: dict[str, Any] = {strategy.name: strategy.new_state(self) for strategy in self.strategies}

@@ -11,9 +11,11 @@ from command_line import assert_one_line, run
 from mi_dogsplat.cli import main
 from mi_dogsplat.compare import execute
 from mi_dogsplat.compare.methods import METHODS
+from mi_dogsplat.compare.names import AT, at_target
 from mi_dogsplat.compare.nearest import nearest, tables_of_equals
 from mi_dogsplat.compare.overview import overview
 from mi_dogsplat.compare.pairs import interval, margin, paired, seconds_to, table_of_pairs
+from mi_dogsplat.compare.table import label
 from tasks_here import perform_here
 from tiny_data import write_tiny_data
 
@@ -61,6 +63,33 @@ def test_the_time_to_a_quality_is_that_of_the_first_measurement_and_never_is_sai
     assert table and (table["reference"], table["of"], table["level"]) == ("ours", "paper", "29.00 dB")
     assert [line[-1] for line in table["rows"]] == ["50", "20", "never"]
     assert [line[2] for line in table["rows"]] == ["one seed: no interval", "the reference", "one seed: no interval"]
+
+
+def test_a_method_without_a_seed_of_the_reference_is_not_called_the_reference(tmp_path):
+    psnrs = {"ours": {"0": 30.0, "1": 31.0}, "a": {"2": 29.0}}
+    rows: dict = {name: row(name, list(values.values())) for name, values in psnrs.items()}
+    rows["a"]["runs"] = {"2": rows["a"]["runs"]["0"]}
+    for name, values in rows.items():
+        for seed in values["runs"]:
+            write_history(tmp_path / f"seed_{seed}" / name, [(60.0, 29.0)])
+    table = table_of_pairs(tmp_path, rows)
+    assert table and [line[1:3] for line in table["rows"]] == [["", "the reference"], ["", "no seed in common"]]
+
+
+def test_seeds_are_named_where_rows_do_not_have_the_same():
+    def table(**seeds: str) -> dict:
+        rows = {name: {"label": name, "data": {"d": {"runs": dict.fromkeys(some)}}} for name, some in seeds.items()}
+        return {"methods": rows}
+
+    assert label(table(a="01", b="01"), "d", "a") == "a"
+    assert label(table(a="01", b="0"), "d", "b") == "b (1 seed)"
+    assert label(table(a="01", b="02"), "d", "b") == "b (seeds 0, 2)"
+
+
+def test_another_target_is_in_the_name_of_a_method_exactly():
+    assert [at_target("ours", target) for target in (0.05, 20_000, 1e6)] == ["ours@0.05", "ours@20000", "ours@1e+06"]
+    for target in (1_234_567.0, 1_234_568, 0.1234567):
+        assert float(at_target("ours", target).partition(AT)[2]) == target
 
 
 def test_beginnings_that_are_far_below_the_best_are_not_drawn(tmp_path):

@@ -19,7 +19,30 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.training.events import Densified
+from mi_dogsplat.training.footprint import Budget
 from splat_scenes import random_splats, rounded
+
+
+def test_recovery_aware_removal_comes_after_the_resets_however_short_the_run():
+    for steps in (30_000, 7000, 3000, 1500):
+        recipe = improved_gs.RECIPE.scaled(steps)
+        (removal,) = (part for part in recipe.also if isinstance(part, improved_gs.RecoveryAware))
+        resets = [step for step in range(steps) if recipe.densification.resets_opacity(step)][:2]
+        assert resets and (steps < 30_000 or removal.after_resets == (3300, 6300))
+        for reset, after in zip(resets, removal.after_resets, strict=False):  # a short run has a single reset
+            assert after - reset == pytest.approx(0.1 * resets[0], abs=1)
+
+
+MEMORY = 110  # primitives, of the 120 of the data that have a budget of 200
+
+
+@pytest.mark.parametrize("name", ["taming", "dash", "mcmc", "improved_gs", "3dgs_capped"])
+def test_growth_ends_where_the_memory_does(trainer_of, monkeypatch, name):
+    monkeypatch.setattr(Budget, "most_primitives", lambda self, pairs: MEMORY)
+    trainer = trainer_of(METHODS[name].recipe, 60, target=200, memory="8G", initial_primitives=50)
+    most = max(row["n"] for row in run_to_end(trainer))
+    assert trainer.n_start < most <= max(MEMORY, trainer.n_start)
+
 
 # Taming-3DGS
 
@@ -199,9 +222,10 @@ def test_mcmc_starts_small_and_half_opaque_and_once(trainer_of):
     splats = trainer.optimizer.to_splats()
     np.testing.assert_allclose(splats.opacities, 0.5, rtol=1e-6)
     np.testing.assert_allclose(np.exp(splats.log_scales), 0.1 * np.exp(before), rtol=1e-5)
-    trainer.step_count = 1  # as where a run goes on
-    trainer.begin()
-    np.testing.assert_array_equal(trainer.optimizer.to_splats().log_scales, splats.log_scales)
+    again = trainer_of(mcmc.RECIPE, 3000)  # as where a run goes on from a checkpoint before its first step
+    again.restore(trainer.state())
+    again.begin()
+    np.testing.assert_array_equal(again.optimizer.to_splats().log_scales, splats.log_scales)
 
 
 def test_mcmcs_regularisers_are_gradients_of_two_means(trainer_of):

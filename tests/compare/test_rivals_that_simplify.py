@@ -90,7 +90,9 @@ def test_masks_are_there_from_the_first_step_and_sweep_at_every_refinement(train
     step = 10 * mask_gaussian.RATE  # a tenth of the recipe's steps
     np.testing.assert_allclose(np.abs(logits - (10 - 1)), step, rtol=1e-3)
     part = next(s for s in trainer.strategies if s.name == "maskgaussian")
-    for step, swept in ((100, True), (150, False), (1500, True), (1550, False), (1600, True), (2500, True)):
+    # refinements of a tenth of the recipe's steps are 48 apart, the sweeps after them 100
+    sweeps = {96: True, 100: False, 1488: True, 1500: True, 1550: False, 1600: True, 2500: True}
+    for step, swept in sweeps.items():
         trainer.step_count = step
         trainer.optimizer.assign(mask_gaussian.MASK, np.where(np.arange(trainer.optimizer.n) < 1, -60.0, 9.0))
         assert bool(part.after_step(trainer, None)) == swept, step

@@ -7,6 +7,8 @@ import pytest
 from mi_dogsplat import write_ply
 from mi_dogsplat.formats import sizes
 from mi_dogsplat.formats.sizes import KINDS, FileKind, Prices, by_part, prices
+from mi_dogsplat.scene.drawing import Drawing
+from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
 from shifted_models import with_shifts
 from sloped_models import with_curvatures, with_slopes
@@ -30,6 +32,13 @@ def test_prices_of_ply_are_those_of_the_file(tmp_path, shares, dog_share):
     known = prices(FileKind("ply"), splats)
     assert known.of(splats) - known.fixed == size - header
     assert FileKind("ply").size(splats) == size
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_file_of_a_model_in_units_of_white_is_that_of_its_radiance(name):
+    splats, drawing = model(500), Drawing(linear=True, white=3.7)
+    expected = FileKind(name, drawing).encoded(brightened(splats, 3.7))
+    assert FileKind(name, drawing, in_units_of_white=True).encoded(splats) == expected
 
 
 @pytest.mark.parametrize("name", ["spz", "sog"])

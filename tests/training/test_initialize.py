@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.datasets import View, camera_extent
+from mi_dogsplat.scene.cameras import Camera, spread_of
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.training.initialize import MIN_SQUARED_DISTANCE, random_splats, region_of_interest, splats_from_points
 
@@ -82,12 +83,22 @@ def test_one_straying_camera_moves_the_region_little():
         [look_at((x, 0.0, 0.0), (x, 9.0, 0.0)) for x in (-1.0, 0.0, 2.0)],  # parallel
         [look_at((x, 0.0, 0.0), (3 * x, 9.0, 0.0)) for x in (-1.0, 0.0, 2.0)],  # their axes meet behind them
         [look_at((0.0, 0.0, 0.0), (0.0, 9.0, 0.0))],
+        [look_at((3.1, 0.2, 0.7), (3.1 + x, 9.0, 0.7)) for x in (-1.0, 0.1, 2.0)],  # at one place up to rounding
     ],
-    ids=["parallel", "diverging", "single"],
+    ids=["parallel", "diverging", "single", "turning"],
 )
 def test_where_axes_do_not_meet_the_region_lies_in_front(cameras):
     centre, half = region_of_interest(cameras)
-    assert half > 0 and all(camera.project(centre)[1][0] > 0 for camera in cameras)
+    assert half > 0.1 and all(camera.project(centre)[1][0] > 0 for camera in cameras)
+
+
+def test_cameras_that_turn_on_the_spot_have_no_spread_however_their_positions_are_rounded():
+    turning = [look_at((3.1, 0.2, 0.7), (3.1 + x, 9.0 - x, 0.7 + x)) for x in np.linspace(-2, 2, 9)]
+    positions = np.array([camera.position for camera in turning])
+    assert 0 < np.ptp(positions, axis=0).max() < 1e-14 and spread_of(turning) == 0
+    views = [View(str(k), camera, np.zeros((1, 1, 3))) for k, camera in enumerate(turning)]
+    assert camera_extent(views) == 1
+    assert spread_of([turning[0], look_at((3.1, 0.2, 0.7 + 1e-6), (3.0, 9.0, 0.7))]) == pytest.approx(5e-7)
 
 
 @pytest.mark.parametrize(

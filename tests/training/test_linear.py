@@ -30,6 +30,7 @@ from mi_dogsplat.training.images.tone_curve import SrgbLog
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.point_radiance import point_radiance
+from mi_dogsplat.training.strategy.options import Options
 from mi_dogsplat.training.train import Trainer
 from mi_dogsplat.viewer.source import Source
 from tiny_data import cameras, truth, write_tiny_data
@@ -176,6 +177,20 @@ def test_scores_count_what_is_seen_through_the_curve():
     np.testing.assert_allclose(spatial(seen, 16.0), one, rtol=2e-2, atol=1e-3 * one.max())
     raw = spatial(plain, 1.0)
     np.testing.assert_allclose(spatial(plain, 16.0), 256 * raw, rtol=2e-2, atol=0.256 * raw.max())
+
+
+@pytest.mark.parametrize(("format", "size"), [("ply", 3020), ("spz", 410), ("sog", 7030)])
+def test_a_file_of_linear_images_is_not_larger_than_its_target(data, tmp_path, format, size):
+    config = TrainConfig(str(data), steps=20, max_primitives=100, sh_degree=1, target=f"{size}B", format=format)
+    train(config, tmp_path)
+    assert (tmp_path / f"point_cloud.{format}").stat().st_size <= size
+
+
+def test_bytes_are_divided_by_what_is_seen_through_the_curve(data):
+    trainer = Trainer(TrainConfig(str(data), **SETTINGS), load_dataset(data))
+    score = trainer.importance(ScoreRule("leave-one-out", spectral_weight=0.0))
+    removal = Options.of(trainer, trainer.optimizer.to_splats()).removal
+    np.testing.assert_allclose(removal / np.linalg.norm(removal), score, rtol=1e-5)
 
 
 def test_what_does_not_fit_together_is_refused_in_one_line(data, run, tmp_path):

@@ -8,6 +8,7 @@ from ...training.presets import Recipe
 from ...training.strategy.densify import Choice, Densification, by_gradient
 from ...training.strategy.densify_stats import DensifyStats
 from ...training.strategy.strategy import Training
+from .growth import bounded
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,7 @@ class CappedGrowth:
     """Who grows: as in 3DGS, those with the largest gradients first where not all fit into the budget."""
 
     def __call__(self, t: Training, rule: Densification, stats: DensifyStats) -> Choice:
-        rule = replace(rule, max_primitives=int(t.target))
+        rule = replace(rule, max_primitives=bounded(int(t.target), rule))
         return by_gradient(rule, t.optimizer, stats, t.step_count, t.extent)
 
 

@@ -30,6 +30,11 @@ def removed(t: Training, rule: Densification) -> np.ndarray:
     return remove
 
 
+def bounded(budget: int, rule: Densification) -> int:
+    """A budget within what a cap, or the memory, leaves."""
+    return min(budget, rule.max_primitives or budget)
+
+
 def opacities(t: Training) -> np.ndarray:
     """[N] float64."""
     return sigmoid(t.optimizer.numpy("logit_opacities").astype(np.float64))
@@ -51,4 +56,5 @@ def fill(t: Training, rule: Densification, budget: int, scores: Callable[[], np.
         scores: [N] the largest grow first.
     """
     remove, small = removed(t, rule), t.optimizer.largest_scales <= rule.clone_scale * t.extent
+    budget = bounded(budget, rule)
     return Choice(best(scores(), ~remove, budget - int(np.sum(~remove))), small, remove)

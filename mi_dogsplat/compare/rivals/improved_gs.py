@@ -75,11 +75,12 @@ class RecoveryAware(Strategy[None]):
 
     first: int = 300
     min_opacity: float = 0.02
-    after_resets: tuple[int, ...] = (3300, 6300)
+    after_resets: tuple[int, ...] = (3300, 6300)  # a tenth of the steps between two resets later
     share: float = 0.2
 
     def scaled(self, factor: float) -> RecoveryAware:
-        again = tuple(scaled_milestone(step, factor) for step in self.after_resets)
+        between = DENSIFICATION.scaled(factor).reset_every / DENSIFICATION.reset_every
+        again = tuple(round(step * between) for step in self.after_resets)
         return replace(self, first=scaled_milestone(self.first, factor), after_resets=again)
 
     def due(self, t: Training, state: None) -> bool:

@@ -82,11 +82,13 @@ class MaskGaussian(Strategy[None]):
     start: int = 0
     stop: int = TO
     sweep_every: int = 1000  # steps
+    refine_every: int = Densification.every  # steps
     densified: int = Densification.stop  # step until which each refinement sweeps
 
     def scaled(self, factor: float) -> MaskGaussian:
-        steps = (self.start, self.stop, self.sweep_every, self.densified)
-        return MaskGaussian(*(scaled_milestone(step, factor) for step in steps))
+        start, stop, sweep_every = (scaled_milestone(s, factor) for s in (self.start, self.stop, self.sweep_every))
+        density = Densification().scaled(factor)
+        return MaskGaussian(start, stop, sweep_every, density.every, density.stop)
 
     def params(self, t: Training, state: None, params: dict) -> dict:
         """Those that are drawn; the others cannot be seen."""
@@ -117,7 +119,7 @@ class MaskGaussian(Strategy[None]):
         """Sweep out what is hardly ever drawn; the last time just before the prune."""
         if MASK not in t.optimizer.learned or t.step_count > self.stop:
             return []
-        every = min(Densification.every, self.sweep_every) if t.step_count < self.densified else self.sweep_every
+        every = min(self.refine_every, self.sweep_every) if t.step_count < self.densified else self.sweep_every
         if t.step_count % every:
             return []
         n = t.optimizer.n

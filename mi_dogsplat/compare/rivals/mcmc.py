@@ -25,6 +25,7 @@ from ...training.events import Event
 from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
 from ...training.strategy.densify import Densification
+from ...training.strategy.once import Done
 from ...training.strategy.relocation import draw, duplicate, relocate
 from ...training.strategy.strategy import Seen, Strategy, Training
 from .growth import opacities
@@ -48,7 +49,7 @@ class Relocated(Event):
 
 
 @dataclass(frozen=True)
-class Mcmc(Strategy[None]):
+class Mcmc(Strategy[Done]):
     """Relocates, adds, regularises and shakes."""
 
     start: int = 500
@@ -66,17 +67,21 @@ class Mcmc(Strategy[None]):
         start, stop = scaled_milestone(self.start, factor), scaled_milestone(self.stop, factor)
         return replace(self, start=start, stop=stop, every=max(1, min(self.every, (stop - start) // MIN_ROUNDS)))
 
-    def begin(self, t: Training, state: None) -> list[Event]:
-        if t.step_count == 0:
+    def new_state(self, t: Training) -> Done:
+        return Done()
+
+    def begin(self, t: Training, state: Done) -> list[Event]:
+        if not state.done:
+            state.done = True
             logit = np.log(self.first_opacity / (1 - self.first_opacity))
             t.optimizer.assign("logit_opacities", np.full(t.optimizer.n, logit))
             t.optimizer.assign("log_scales", t.optimizer.numpy("log_scales") + np.log(self.first_size))
         return []
 
-    def due(self, t: Training, state: None) -> bool:
+    def due(self, t: Training, state: Done) -> bool:
         return self.start < t.step_count < self.stop and t.step_count % self.every == 0
 
-    def after_backward(self, t: Training, state: None, seen: Seen) -> None:
+    def after_backward(self, t: Training, state: Done, seen: Seen) -> None:
         """Gradients of the two means."""
         logits, log_scales = (t.optimizer.params[name] for name in ("logit_opacities", "log_scales"))
         opacity = dr.rcp(1 + dr.exp(-dr.detach(logits)))
@@ -85,7 +90,7 @@ class Mcmc(Strategy[None]):
         dr.set_grad(logits, dr.grad(logits) + opacity * (1 - opacity) * by_opacity)
         dr.set_grad(log_scales, dr.grad(log_scales) + dr.exp(dr.detach(log_scales)) * by_scale)
 
-    def after_step(self, t: Training, state: None) -> list[Event]:
+    def after_step(self, t: Training, state: Done) -> list[Event]:
         rates = replace(t.optimizer.learning_rates, refinement=None)  # noise is as published, whatever the steps are
         shake(t, self.noise * rates.at(t.step_count)["means"])
         if not self.due(t, state):
@@ -96,9 +101,11 @@ class Mcmc(Strategy[None]):
             return []
         live = np.where(opacity <= self.min_opacity, 0, opacity)
         relocate(t.optimizer, dead, draw(live, len(dead), t.rng), self.min_opacity)
-        added = max(0, min(int(t.target), int(self.growth * t.optimizer.n)) - t.optimizer.n)
+        most, full = t.memory.bounded(int(t.target), t.optimizer.n) if t.memory else (int(t.target), None)
+        added = max(0, min(most or 0, int(self.growth * t.optimizer.n)) - t.optimizer.n)
         duplicate(t.optimizer, draw(opacities(t), added, t.rng), self.min_opacity)
-        return [Relocated(len(dead), added)]
+        events: list[Event] = [Relocated(len(dead), added)]
+        return events + [full] if full and t.optimizer.n >= full.most else events
 
 
 def shake(t: Training, amount: float) -> None:

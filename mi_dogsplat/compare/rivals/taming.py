@@ -27,7 +27,7 @@ from ...training.presets import Recipe
 from ...training.strategy.densify import Choice, Densification
 from ...training.strategy.densify_stats import DensifyStats
 from ...training.strategy.strategy import Training
-from .growth import START_SHARE, best, opacities, progress, removed
+from .growth import START_SHARE, best, bounded, opacities, progress, removed
 from .mini_splatting import sampling_keys
 
 DEVIATIONS = (
@@ -83,7 +83,7 @@ class Taming:
     def budget(self, t: Training, rule: Densification) -> int:
         """Primitives after the refinement of this step."""
         count = int(t.target)
-        return parabola(progress(t, rule), min(t.n_start, count), count)
+        return bounded(parabola(progress(t, rule), min(t.n_start, count), count), rule)
 
 
 def importance(t: Training, stats: DensifyStats) -> np.ndarray:

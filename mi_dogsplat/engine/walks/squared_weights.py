@@ -17,7 +17,7 @@ from .walk import Meeting, Walk
 
 
 def composite_squared_weights(view: WalkableView, mask=None):
-    """Σ w², [N]; with a ``mask`` [H*W] over the pixels where it is 1, else 0."""
+    """Σ w², [N]; with a ``mask`` [H*W] over the pixels where it is 1, else 0, or else Σ mask w²."""
     in_turn = lanes_add_in_turn(mi.variant())
 
     def walk(band: PreparedView, above: list) -> list:

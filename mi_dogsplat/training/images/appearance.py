@@ -44,15 +44,22 @@ BEND = per_number(0.03, 0.05)  # where its derivative is largest
 
 
 class LearnedAppearance:
-    """Numbers of each training view and device. Planes are detached: derivatives are written out by hand."""
+    """Numbers of each training view and device. Planes are detached: derivatives are written out by hand.
 
-    def __init__(self, cameras: Sequence[Camera], total_steps: int):
+    Args:
+        cameras: of all training views.
+        total_steps: of the training.
+        batch_views: of a step.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], total_steps: int, batch_views: int = 1):
         n_views = len(cameras)
         self.devices = sorted({device_of(camera) for camera in cameras})
         self.device_of_view = [self.devices.index(device_of(camera)) for camera in cameras]
         self.total_steps = max(total_steps, 1)
         # the mean of a rate that falls from 1 to END is (1 - END) / log(1 / END)
-        self.rate = min(MAX_RATE, TRAVEL * np.log(1 / END) / (1 - END) * n_views / self.total_steps)
+        turns = self.total_steps * batch_views / n_views
+        self.rate = min(MAX_RATE, TRAVEL * np.log(1 / END) / (1 - END) / turns)
         self.of_images = RowsOfNumbers(n_views, RATES[:N_OF_IMAGE])
         self.of_devices = RowsOfNumbers(len(self.devices), RATES[N_OF_IMAGE:], most=0.0)  # no lens brightens corners
         self.mean = detached(device_array(np.zeros(N_OF_IMAGE)))  # over all images

@@ -45,6 +45,7 @@ class Photographs:
         on_disk: images and masks are decoded when they are due.
         keep_targets: what the loss needs of an image is kept, 36 bytes per pixel; else only the image is, 3 to 16.
         curve: through which linear radiance is seen; display-referred images are seen as they are.
+        batch_views: of a step.
 
     Raises ``DataError`` for masks that cannot be read, those on disk when they are due, for masks that are all black,
     and for a random background without alpha.
@@ -61,6 +62,7 @@ class Photographs:
         on_disk: bool = False,
         keep_targets: bool = True,
         curve: ToneCurve = SrgbLog(),  # noqa: B008, it is immutable
+        batch_views: int = 1,
     ):
         self.originals, self.background, self.near_clip = list(dataset.train), background, near_clip
         self.white = dataset.white
@@ -72,7 +74,8 @@ class Photographs:
         self.color: list | None = None  # of the background, while it is random
         self.mask_folder = Masks(masks, dataset.train) if masks else None
         cameras = [view.camera for view in dataset.train]
-        self.appearance = None if appearance_steps is None else LearnedAppearance(cameras, appearance_steps)
+        steps = appearance_steps
+        self.appearance = None if steps is None else LearnedAppearance(cameras, steps, batch_views)
         self._readers, self.keep_targets = ThreadPoolExecutor(1) if on_disk else None, keep_targets
         self._show(self.originals, 1)
 

@@ -4,7 +4,8 @@ The engine does not draw a primitive with a value that is not finite, and its gr
 stays, takes memory, and no file may hold it. Some finite values are as final, and do harm: they have no gradient
 wherever they show,
 
-* a colour so bright that the faintest blend (α = 1/255) is white already: the loss clamps at white;
+* a colour so bright that the faintest blend (α = 1/255) is white already: the loss clamps at white. Of linear images it
+  does not, and lamps are brighter than that: there only what no light is as bright as is broken;
 * a primitive that fills every view: where it is opaque, min(.99, ·) is flat everywhere;
 * a cut so steep that no pixel lies in its fall: nothing says where its plane should be.
 """
@@ -28,6 +29,7 @@ from ..optimizer.splat_optimizer import SplatOptimizer
 OF_COLORS = RAW_SLOPES + RAW_CURVATURES
 MAX_COLOR = 1 / Cutoffs().alpha  # of a slope, per standard deviation; trained models stay below 2
 MAX_SH = MAX_COLOR / C0  # 904; trained models stay below 10
+MAX_RADIANCE = 1e6  # instead of MAX_COLOR where images are linear, in units of white; the sun is below 1e5
 MAX_NORMAL = 1e4  # of a cut, per standard deviation; trained models stay below 200
 MAX_SCALE = 1e4  # times the extent of the cameras; trained models stay below 10
 
@@ -42,7 +44,8 @@ def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
     """
     params, splat = optimizer.params, dr.arange(mi.UInt32, optimizer.n)
     nobody = dr.full(mi.UInt32, NO_ROW, 1)
-    colors = dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), MAX_SH) | dict.fromkeys(OF_COLORS, MAX_COLOR)
+    brightest = MAX_RADIANCE if optimizer.curve else MAX_COLOR
+    colors = dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), brightest / C0) | dict.fromkeys(OF_COLORS, brightest)
     limits = {"log_scales": math.log(MAX_SCALE * extent), **colors, **dict.fromkeys(RAW_CUTS, MAX_NORMAL)}
     sound, of_groups = dr.full(mi.Bool, True, optimizer.n), []
     for name, values in optimizer.adam.items():

@@ -22,6 +22,7 @@ from ...scene.splats import Splats
 from ...scores.bands import Bands, bands
 from ...scores.score import ScoreRule, energies
 from ...scores.slope_losses import curvature_losses, slope_losses
+from ...scores.toned import toned
 from .allocation import allocate
 from .strategy import Training
 
@@ -91,18 +92,21 @@ class Options:
 
     @classmethod
     def of(cls, t: Training, splats: Splats) -> Options:
-        """Measured over all training views of a run; ``splats`` is its model, with rows that are to come."""
+        """Measured over all training views of a run, as its loss sees them, linear ones through the curve.
+
+        ``splats`` is its model, with rows that are to come.
+        """
         params, cameras, options = t.optimizer.params, t.photographs.cameras, t.options
-        masks = t.photographs.shown_mask
+        background, masks, curve = t.photographs.background, t.photographs.shown_mask, t.photographs.curve
+        seen = toned(curve, params, cameras, options, background, masks) if curve else masks
         n, whole = splats.n_splats, splats.uniform_sh()
-        found = bands(params, whole.sh_coeffs, cameras, options, masks)
-        background = t.photographs.background
+        found = bands(params, whole.sh_coeffs, cameras, options, seen)
 
         def energy(rule: ScoreRule) -> np.ndarray:
-            return energies(rule, params, cameras, options, background, 0, masks)[0]
+            return energies(replace(rule, curve=curve), params, cameras, options, background, 0, masks)[0]
 
-        sloped = (lambda: slope_losses(params, cameras, options, masks)) if t.optimizer.n_slopes else None
-        curved = (lambda: curvature_losses(params, cameras, options, masks)) if t.optimizer.n_curvatures else None
+        sloped = (lambda: slope_losses(params, cameras, options, seen)) if t.optimizer.n_slopes else None
+        curved = (lambda: curvature_losses(params, cameras, options, seen)) if t.optimizer.n_curvatures else None
         cut = (lambda: energy(CUT)) if t.optimizer.n_cuts else None
         second_cut = (lambda: energy(SECOND_CUT)) if t.optimizer.n_second_cuts else None
         rows = (

@@ -55,7 +55,7 @@ class Sieve(Strategy[None]):
         return [Dropped(n - left, "broken primitives")] if left < n else []
 
     def begin(self, t: Training, state: None) -> list[Event]:
-        return self.drop(t) if t.step_count == 0 else self.after_step(t, state)  # a run that goes on waits for its row
+        return self.drop(t) if t.step_count == 0 else []  # where a run goes on, its step has seen to it
 
     def after_step(self, t: Training, state: None) -> list[Event]:
         return self.drop(t) if t.due() else []

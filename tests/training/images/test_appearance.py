@@ -72,6 +72,11 @@ def test_the_mean_of_the_gains_is_zero_whatever_the_steps_and_after_a_restore():
     assert learned.state()["images_values"].mean() < -0.1  # those that Adam moved
 
 
+def test_gains_reach_as_far_however_many_views_a_step_has():
+    one, four = (LearnedAppearance([CAMERA] * 50, 4000, k) for k in (1, 4))
+    assert four.rate == pytest.approx(one.rate / 4)
+
+
 def test_each_device_has_its_vignetting():
     wide, other = (Camera(np.eye(4), f, f, 5, 5, 10, 10) for f in (8.0, 16.0))
     learned = LearnedAppearance([wide, other, wide], 100)

@@ -14,14 +14,16 @@ from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs.checkpoint import load_checkpoint
 from mi_dogsplat.runs.history import run_to_end
+from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.images.tone_curve import SrgbLog
 from mi_dogsplat.training.optimizer.adam import Entry
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
-from mi_dogsplat.training.strategy.broken import MAX_SCALE, MAX_SH, broken, drop_broken
+from mi_dogsplat.training.strategy.broken import MAX_RADIANCE, MAX_SCALE, MAX_SH, broken, drop_broken
 from mi_dogsplat.training.strategy.strategy import Strategy, Training
 from mi_dogsplat.training.train import Trainer
 
@@ -62,6 +64,15 @@ def test_what_no_gradient_brings_back_is_broken(name, limit):
     for value, expected in ((0.999 * limit, False), (1.001 * limit, True)):
         optimizer = optimizer_of()
         put(optimizer, name, 3, 1, value)
+        assert broken(optimizer, EXTENT)[3] == expected
+
+
+def test_a_lamp_in_linear_images_is_not_broken_up_to_what_no_light_is():
+    """The loss of display-referred images clamps at white, that through a curve does not."""
+    limit = MAX_RADIANCE / C0
+    for value, expected in ((10 * MAX_SH, False), (0.999 * limit, False), (1.001 * limit, True)):
+        optimizer = SplatOptimizer(optimizer_of().to_splats(), LearningRates(EXTENT, 1000), SrgbLog())
+        put(optimizer, "sh_dc", 3, 1, value)
         assert broken(optimizer, EXTENT)[3] == expected
 
 
