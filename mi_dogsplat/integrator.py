@@ -92,6 +92,8 @@ class DogSplatIntegrator(SplatIntegrator):
         super().__init__(props)
         objects = [props[name] for name in props.keys() if props.type(name) == mi.Properties.Type.Object]
         nested = [value for value in objects if isinstance(value, mi.Integrator)]
+        if others := [value.class_name() for value in objects if not isinstance(value, mi.Integrator)]:
+            raise RuntimeError(f"dogsplat: it nests an integrator and no {others[0]}; put that into the scene")
         if len(nested) > 1:
             raise RuntimeError(f"dogsplat: {len(nested)} nested integrators; one renders all surfaces")
         self.nested = nested[0] if nested else None

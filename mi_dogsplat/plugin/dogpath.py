@@ -126,6 +126,8 @@ class DogPathIntegrator(SplatIntegrator):
 
     def __init__(self, props: Any):
         super().__init__(props)
+        for name in ("max_depth", "rr_depth"):  # of Mitsuba, which asks only where a path is as long
+            given(props, name, int)
         self._tracer, self._ratios = LatestTracer(), LatestShadowRatios()
         self.mesh_shadows = given(props, "mesh_shadows", bool, False)
         self.mesh_shadow_samples = given(props, "mesh_shadow_samples", int, 64)

@@ -80,10 +80,13 @@ class Filter:
         x, y = (
             dr.opaque(mi.Float, first - self.border + within) for first, within in zip((left, top), inside, strict=True)
         )
-        block = _image_block((width, height), (left, top), len(planes), self.filter, border=False)
+        block = _image_block((width, height), (left, top), len(planes), self.filter, border=self.border > 0)
         block.set_coalesce(False)  # neighbouring lanes are neighbouring pixels, not samples of one
         block.put(mi.Point2f(column + x, row + y), planes)
         pixel = dr.arange(mi.UInt32, width * height)
+        if self.border:  # of the block too: Mitsuba writes beyond one that a sample does not reach
+            row = pixel // width
+            pixel = dr.fma(row + self.border, size[0], pixel - row * width + self.border)
         values = block.tensor().array
         return [dr.gather(mi.Float, values, dr.fma(pixel, len(planes), c)) for c in range(len(planes))]
 

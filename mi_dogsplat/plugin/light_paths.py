@@ -190,6 +190,9 @@ class LightPaths:
         ds, weight = self.scene.sample_emitter_direction(si, _next_2d(random), True, active)
         active = active & (ds.pdf != 0)
         shadow = si.spawn_ray_to(ds.p)
+        # Mitsuba puts these at the end of the surfaces, and splats may be farther
+        infinite = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
+        shadow.maxt = dr.select(infinite, dr.largest(mi.Float), shadow.maxt)
         with dr.resume_grad(when=attached):
             if attached:
                 value = self.scene.eval_emitter_direction(si, ds, active)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
@@ -52,8 +53,8 @@ class SplatIntegrator(ADIntegrator):
             self.aovs = aovs.read_names(given(props, "aovs", str, ""))
         except ValueError as error:
             raise RuntimeError(f"{self.name}: {error}") from None
-        if self.drawing.near_clip is not None and not self.drawing.near_clip >= 0:
-            raise RuntimeError(f'{self.name}: "near_clip" is {self.drawing.near_clip}, it must not be negative')
+        if self.drawing.near_clip is not None and not 0 <= self.drawing.near_clip < math.inf:
+            raise RuntimeError(f'{self.name}: "near_clip" is {self.drawing.near_clip}, it must be finite, 0 or more')
 
     # --- what children say ---
 
@@ -98,7 +99,8 @@ class SplatIntegrator(ADIntegrator):
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0) -> mi.TensorXf:
         with dr.resume_grad():
             image = self.developed(scene, _sensor(scene, sensor), seed, spp, derivative=True)
-            dr.forward_to(image)
+            # the tangent of what a parameter was computed to stays for the next render of the same graph
+            dr.forward_to(image, flags=dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad)
             return dr.grad(image)
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
@@ -154,12 +156,14 @@ class SplatIntegrator(ADIntegrator):
 
     def _passes(self, scene: mi.Scene, sensor: mi.Sensor, seed, spp: int) -> list[Sample]:
         refuse_freezing(self.name, "a render")
+        if spp < 0:
+            raise RuntimeError(f"{self.name}: spp is {spp}, it must not be negative; 0 asks for that of the sampler")
         if spp == 0:
             averages = self.averages(scene) or sensor.needs_aperture_sample()
             spp = sensor.sampler().sample_count() if averages else 1
         if spp > 1 and "index" in self.aovs:
             raise RuntimeError(f'{self.name}: the AOV "index" has no mean over {spp} samples per pixel; use spp=1')
-        return samples(spp, int(seed[0]) if dr.is_array_v(seed) else seed)
+        return samples(spp, int(seed[0] if dr.is_array_v(seed) else seed))
 
     def _pass(
         self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, sample: Sample, border: int = 0,

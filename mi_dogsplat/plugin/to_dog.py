@@ -11,6 +11,7 @@ from ..engine.parameters import RAW, device_array, device_tensor
 from ..formats.model import Model
 from ..scene.row_groups import GROUPS
 from ..scene.splats import Splats
+from ..support.variants import require_supported
 from .given_model import SAYS, model_of
 from .properties import matrix_of
 
@@ -31,8 +32,10 @@ def to_dog(model: Splats | Model | str | Path | mi.Shape, *, to_world: Any = Non
             with which the shape moves the model when it is loaded.
 
     Raises ``ValueError`` for what is no model and for a transform that is not one matrix [4, 4]; ``DataError`` for a
-    file that is no model. What else is wrong with a transform ``mi.load_dict`` finds.
+    file that is no model; ``RuntimeError`` in a variant in which the shape is not available. What else is wrong with a
+    transform ``mi.load_dict`` finds.
     """
+    require_supported("to_dog")
     model = model_of(model, "to_dog")
     splats, groups = model.splats, [group for group in GROUPS if len(getattr(model.splats, group.index))]
     names = [*RAW, *(name for group in groups for name in group.names)]

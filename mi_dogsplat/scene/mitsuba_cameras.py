@@ -54,12 +54,12 @@ def central_camera_from_mitsuba(sensor: Any) -> Camera:
     film_width, film_height = (int(n) for n in sensor.film().size())
     width, height = (int(n) for n in sensor.film().crop_size())
     left, top = (int(n) for n in sensor.film().crop_offset())
-    focal = 0.5 * film_width / math.tan(math.radians(_scalar(parameters["x_fov"])) / 2)
+    focal = 0.5 * film_width / math.tan(math.radians(_scalar(parameters, "x_fov")) / 2)
     # The offset is a fraction of the whole film, and moves the picture against its sign.
     offsets = [f"principal_point_offset_{axis}" for axis in "xy"]  # a lens has none
-    offset_x, offset_y = (_scalar(parameters[name]) if name in parameters else 0.0 for name in offsets)
+    offset_x, offset_y = (_scalar(parameters, name) if name in parameters else 0.0 for name in offsets)
     cx, cy = film_width * (0.5 - offset_x) - left, film_height * (0.5 - offset_y) - top
-    to_world = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+    to_world = _to_world(parameters)
     return Camera(mitsuba_c2w_to_opencv_w2c(to_world), focal, focal, cx, cy, width, height)
 
 
@@ -72,7 +72,7 @@ def orthographic_camera_from_mitsuba(sensor: Any) -> Camera:
     import mitsuba as mi
 
     parameters: Any = mi.traverse(sensor)
-    to_world = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+    to_world = _to_world(parameters)
     scales = np.linalg.norm(to_world[:3, :3], axis=0)  # [3]
     to_world[:3, :3] /= scales
     film_width, film_height = (int(n) for n in sensor.film().size())
@@ -97,7 +97,7 @@ def _depth_scale(sensor: Any) -> float:
     import mitsuba as mi
 
     parameters: Any = mi.traverse(sensor)
-    axis = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)[:3, 2]
+    axis = _to_world(parameters)[:3, 2]
     scale = float(np.linalg.norm(axis))
     return 1.0 if abs(scale - 1) < SCALE_TOLERANCE else scale
 
@@ -138,6 +138,19 @@ def camera_to_mitsuba(camera: Camera, near_clip: float = 0.01, far_clip: float =
     }
 
 
-def _scalar(value: Any) -> float:
+def _scalar(parameters: Any, name: str) -> float:
     """A parameter that is a float in scalar variants and a one-element array in the others."""
-    return float(np.array(value).reshape(-1)[0])
+    return float(_one(np.array(parameters[name]).reshape(-1), name)[0])
+
+
+def _to_world(parameters: Any) -> np.ndarray:
+    """[4, 4] float64."""
+    matrix = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4, -1)
+    return _one(matrix, "to_world")[..., 0]
+
+
+def _one(values: np.ndarray, name: str) -> np.ndarray:
+    """What it is given, [..., 1]. Raises ``ValueError`` for several lanes."""
+    if values.shape[-1] != 1:
+        raise ValueError(f'a sensor has one "{name}", this one is {values.shape[-1]} lanes wide')
+    return values

@@ -21,6 +21,12 @@ def supported(variant: str) -> bool:
     return not any(word in variant for word in UNSUPPORTED)
 
 
+def require_supported(name: str) -> None:
+    """Raise ``RuntimeError`` for ``name`` unless the plugins run in the active variant."""
+    if not supported(variant := str(mi.variant())):
+        raise _unavailable(name, variant)
+
+
 def refuse(variant: str) -> None:
     """Register plugins that raise ``RuntimeError`` in a variant that is not supported; it must be the active one."""
     for name, register in (
@@ -30,9 +36,13 @@ def refuse(variant: str) -> None:
     ):
 
         def fail(props: mi.Properties, name: str = name):
-            raise RuntimeError(f"{name}: not available in the variant {variant}; use llvm_ad_rgb or cuda_ad_rgb")
+            raise _unavailable(name, variant)
 
         register(name, fail)
+
+
+def _unavailable(name: str, variant: str) -> RuntimeError:
+    return RuntimeError(f"{name}: not available in the variant {variant}; use llvm_ad_rgb or cuda_ad_rgb")
 
 
 def set_variant(name: str) -> None:

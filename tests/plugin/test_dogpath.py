@@ -155,6 +155,19 @@ def test_a_glass_slab_bends_what_is_seen_through_it():
     np.testing.assert_allclose(image, expected, atol=0.03)
 
 
+@pytest.mark.parametrize("light", [{"type": "constant"}, {"type": "directional", "direction": [0, 0, 1]}])
+def test_what_lights_from_infinity_is_hidden_by_splats_however_far_from_the_surfaces(light):
+    wall = square(T4().translate([0, 0, 1]).rotate([0, 1, 0], 180).scale(0.1))
+    curtain = make_splats([[x, y, -20.0] for x in (-4, 0, 4) for y in (-4, 0, 4)], 6.0, 0.99, [[0, 0, 0]] * 9)
+    camera = Camera(np.eye(4), 800.0, 800.0, 8.0, 8.0, 16, 16)
+    others = {"wall": wall, "light": light}
+    image, lit = (render(s, others, camera=camera, max_depth=2, spp=16) for s in (curtain, Splats.empty(1)))
+    beyond = {"ball": {"type": "sphere", "center": [0, 0, 60], "radius": 0.01}}  # the surfaces reach farther, unseen
+    wide = render(curtain, others | beyond, camera=camera, max_depth=2, spp=16)
+    assert wide.mean() < 0.7 * lit.mean()
+    np.testing.assert_allclose(image.mean(), wide.mean(), rtol=0.02)
+
+
 def test_a_splat_colours_a_wall_and_darkens_the_light_of_the_sky():
     """The radiance of a diffuse wall by quadrature over the hemisphere of one point."""
     splats = opposite(2.0, x=1.5, scale=0.5, opacity=0.9, color=(0.9, 0.1, 0.1))
@@ -334,5 +347,7 @@ def test_wrong_parameters_are_refused():
             mi.load_dict({**ALONE, name: value})
     with pytest.raises(RuntimeError, match='dogpath: "mesh_shadows" is \'no\', it must be true or false'):
         mi.load_dict({**ALONE, "mesh_shadows": "no"})
+    with pytest.raises(RuntimeError, match='"max_depth" is 2.5, it must be an integer'):
+        mi.load_dict({**ALONE, "max_depth": 2.5})
     with pytest.raises(RuntimeError, match="nests no integrator"):
         mi.load_dict({**ALONE, "nested": {"type": "path"}})

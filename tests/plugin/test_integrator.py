@@ -1,7 +1,7 @@
 """The integrator plugin through ``mi.render``: pictures, films, backgrounds and errors."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from xml.etree import ElementTree
 
 import drjit as dr
@@ -243,6 +243,8 @@ def test_wrong_use_is_refused_with_a_line_that_says_why():
         ({"aovs": "alpha, albedo"}, 'unknown AOV "albedo"; available are alpha, depth'),
         ({"near_clip": -1.0}, "near_clip"),
         ({"near_clip": float("nan")}, "near_clip"),
+        ({"near_clip": float("inf")}, "near_clip"),
+        ({"ball": {"type": "sphere"}}, "dogsplat: it nests an integrator and no Sphere"),
         ({"antialiased": "false"}, 'dogsplat: "antialiased" is \'false\', it must be true or false'),
         ({"aovs": True}, '"aovs" is True, it must be a string'),
         ({"samples": 3}, "samples"),
@@ -252,11 +254,28 @@ def test_wrong_use_is_refused_with_a_line_that_says_why():
             mi.load_dict({"type": "dogsplat", **given})
 
 
-def problem_of(scene: mi.Scene) -> str:
+def problem_of(scene: mi.Scene, **choices) -> str:
     """What a render fails with: Mitsuba wraps it, Python shows it above."""
     with pytest.raises(RuntimeError) as failed:
-        mi.render(scene)
+        mi.render(scene, **choices)
     return str(failed.value.__cause__)
+
+
+def test_a_negative_number_of_samples_is_an_error_and_a_seed_may_be_of_numpy():
+    scene = scene_of(MODEL, CAMERA)
+    assert problem_of(scene, spp=-1) == "dogsplat: spp is -1, it must not be negative; 0 asks for that of the sampler"
+    of_numpy, plain = (mi.render(scene, spp=3, seed=seed) for seed in cast("list[Any]", [np.uint32(5), 5]))
+    np.testing.assert_array_equal(of_numpy, plain)
+
+
+@pytest.mark.parametrize("name", ["to_world", "x_fov"])
+def test_a_sensor_of_several_lanes_is_an_error_that_names_what_has_them(name):
+    scene: Any = scene_of(MODEL, CAMERA)
+    params = mi.traverse(scene)
+    two = mi.Float([30, 40])
+    params[f"sensor.{name}"] = mi.Transform4f().translate(mi.Point3f(two, 0, 0)) if name == "to_world" else two
+    params.update()
+    assert problem_of(scene) == f'a sensor has one "{name}", this one is 2 lanes wide'
 
 
 def test_a_scene_without_a_dog_shape_is_an_error():

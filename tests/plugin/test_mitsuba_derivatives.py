@@ -167,6 +167,38 @@ def test_gradients_reach_what_params_holds_and_its_parents_but_nothing_without_p
     np.testing.assert_allclose(dr.grad(shift).numpy(), (means[0] - means[1]) / 2e-7, rtol=1e-3)
 
 
+@pytest.mark.parametrize("integrator", ["dogsplat", "dogpath"])
+def test_one_forward_pass_reaches_every_render_of_a_parameter(integrator):
+    def tangents(seeds: tuple[Any, ...]) -> list[np.ndarray]:
+        scene: Any = scene_of(MODEL, CAMERA, type=integrator)
+        params: Any = mi.traverse(scene)
+        theta: Any = mi.Float(0)
+        dr.enable_grad(theta)
+        params["splats.means"] = mi.TensorXf(MODEL.means) + theta
+        params.update()
+        images = [mi.render(scene, params, spp=2, seed=seed) for seed in seeds]
+        dr.forward(theta)
+        return [np.array(dr.grad(each)) for each in images]
+
+    alone = [tangents((seed,))[0] for seed in (1, 2)]
+    assert np.abs(alone[0] - alone[1]).max() > 1e-3
+    np.testing.assert_allclose(tangents((1, 2)), alone, rtol=1e-5, atol=1e-6)
+
+
+def test_a_forward_pass_that_does_not_reach_the_image_leaves_a_tangent_of_zero():
+    ball = {"type": "sphere", "center": [0, 0, 99], "id": "ball"}
+    scene: Any = scene_of(MODEL, CAMERA, extra={"ball": ball}, surfaces={"type": "path"})
+    params: Any = mi.traverse(scene)
+    key = next(name for name in params.keys() if "reflectance" in name)
+    theta: Any = mi.Float(0)
+    dr.enable_grad(theta)
+    params[key] = params[key] + theta
+    params.update()
+    image = mi.render(scene, params)  # which takes surfaces as constant
+    dr.forward(theta)
+    assert not np.array(dr.grad(image)).any()
+
+
 def test_gradients_add_up_over_renders_until_they_are_cleared():
     scene: Any = scene_of(MODEL, CAMERA)
     params: Any = mi.traverse(scene)

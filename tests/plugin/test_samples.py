@@ -87,6 +87,18 @@ def test_a_crop_window_is_cut_out_of_the_filtered_image_but_for_its_border():
     np.testing.assert_allclose(part, whole[5:16, 7:27], atol=1e-5)
 
 
+@pytest.mark.parametrize(("width", "height", "stddev"), [(5, 4, 0.8), (2, 2, 0.5), (1, 1, 0.5)])
+def test_a_crop_window_smaller_than_its_filter_is_cut_out_of_the_image_too(width, height, stddev):
+    """Mitsuba writes beyond a block that a sample does not reach; such a render ended the process."""
+    crop = {"crop_offset_x": 7, "crop_offset_y": 5, "crop_width": width, "crop_height": height}
+    film = {"rfilter": {"type": "gaussian", "stddev": stddev}}
+    whole = render(scene_of(MODEL, CAMERA, film=film), spp=3)
+    scene = scene_of(MODEL, CAMERA, film={**film, **crop, "sample_border": True})
+    for _ in range(20):
+        part = render(scene, spp=3)
+    np.testing.assert_allclose(part, whole[5 : 5 + height, 7 : 7 + width], atol=1e-5)
+
+
 def test_many_samples_approach_the_mean_over_the_pixel():
     shifts = (np.arange(8) + 0.5) / 8
     mean = np.zeros((30, 40, 3))

@@ -108,19 +108,20 @@ answer(colored=colored, grey=grey, whole=whole, all_grey=all_grey, gradient=grad
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_spectral", "llvm_ad_mono_polarized"])
-@pytest.mark.parametrize("plugin", ["dogsplat", "dog"])
-def test_the_other_variants_say_which_to_use(variant, plugin):
+@pytest.mark.parametrize("name", ["dogsplat", "dog", "to_dog"])
+def test_the_other_variants_say_which_to_use(variant, name):
     if variant not in mi.variants():
         pytest.skip(f"this Mitsuba was built without {variant}")
+    call = "mi_dogsplat.to_dog(mi_dogsplat.Splats.empty(0))" if name == "to_dog" else f'mi.load_dict({{"type": "{name}"}})'
     got = run(f'''
 mi.set_variant("{variant}")
 try:
-    mi.load_dict({{"type": "{plugin}"}})
+    {call}
     answer(problem="none")
 except RuntimeError as error:
     answer(problem=str(error))
 ''')
-    assert f"{plugin}: not available in the variant {variant}; use llvm_ad_rgb or cuda_ad_rgb" in got["problem"]
+    assert f"{name}: not available in the variant {variant}; use llvm_ad_rgb or cuda_ad_rgb" in got["problem"]
 
 
 def test_a_processor_that_dr_jit_cannot_compile_for_is_one_line(monkeypatch):
