@@ -112,7 +112,8 @@ answer(colored=colored, grey=grey, whole=whole, all_grey=all_grey, gradient=grad
 def test_the_other_variants_say_which_to_use(variant, name):
     if variant not in mi.variants():
         pytest.skip(f"this Mitsuba was built without {variant}")
-    call = "mi_dogsplat.to_dog(mi_dogsplat.Splats.empty(0))" if name == "to_dog" else f'mi.load_dict({{"type": "{name}"}})'
+    in_memory = "mi_dogsplat.to_dog(mi_dogsplat.Splats.empty(0))"
+    call = in_memory if name == "to_dog" else f'mi.load_dict({{"type": "{name}"}})'
     got = run(f'''
 mi.set_variant("{variant}")
 try:
