@@ -20,7 +20,7 @@ Examples:
   dogsplat export run/point_cloud.ply -o model.sog                    PlayCanvas, SuperSplat; small
   dogsplat export run/point_cloud.ply -o model.sog --small --data photos/ --downscale 2
                                                                       two fifths of that, refined for it
-  dogsplat export run/point_cloud.ply -o model.compressed.ply         PlayCanvas, SuperSplat; a quarter of a PLY
+  dogsplat export run/point_cloud.ply -o model.compressed.ply         PlayCanvas, SuperSplat; a quarter
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
