@@ -14,7 +14,7 @@ from ..scene.appearance import read_appearance
 from ..support.errors import DataError, interruptible, writing
 from ..support.files import replacing
 from ..support.pictures import write_channels, write_exr, write_png
-from ..support.scene_errors import scene_error
+from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.srgb import linear_to_srgb
 from ..support.threads import threads_to_load
 from .picture import Picture, as_taken, picture_of, premultiplied
@@ -95,9 +95,10 @@ def render_scene(
         raise DataError("--spp", f"{spp} samples per pixel are not possible", "give 1 or more")
     if not path.is_file():
         raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
+    file = as_mitsuba_reads(path)
     try:
         with threads_to_load():
-            scene = mi.load_file(str(path))
+            scene = mi.load_file(file)
         if not isinstance(scene, mi.Scene):
             raise RuntimeError("its root is no scene")
         if not scene.sensors():
