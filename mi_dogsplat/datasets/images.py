@@ -102,9 +102,11 @@ def read_image(path: Path) -> np.ndarray:
             image = stored(opened)
             if image.mode == "F":
                 raise ValueError("floating-point pixels have no display range")
-            if image.mode.startswith("I"):  # 16-bit grey
-                grey = np.asarray(image, dtype=np.float32) / 65535  # [H, W]
-                return np.repeat(grey[..., None], 3, axis=2)
+            if image.mode.startswith("I"):  # 16-bit grey, as which Pillow may give 32 bits, too
+                levels = np.asarray(image)  # [H, W]
+                if levels.min() < 0 or levels.max() > 65535:
+                    raise ValueError("whole numbers beyond 16 bits have no display range")
+                return np.repeat((levels.astype(np.float32) / 65535)[..., None], 3, axis=2)
             alpha = "A" in image.getbands() or "transparency" in image.info
             pixels = (
                 np.asarray(image.convert("RGBA" if alpha else "RGB"), dtype=np.float32) / 255

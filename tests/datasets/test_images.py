@@ -7,6 +7,7 @@ from mi_dogsplat.datasets import View, camera_extent, load_dataset
 from mi_dogsplat.datasets.dataset import ByteView, as_bytes, from_bytes, held
 from mi_dogsplat.datasets.images import header, read_image
 from mi_dogsplat.scene.cameras import Camera, opengl_c2w_to_opencv_w2c
+from mi_dogsplat.support.errors import DataError
 from PIL import Image
 
 
@@ -70,6 +71,17 @@ def test_sixteen_bit_grey_and_palette_images_are_read(tmp_path):
     np.testing.assert_allclose(read_image(tmp_path / "grey.png")[..., 1], grey / 65535, atol=1e-7)
     Image.new("RGB", (2, 2), (255, 0, 0)).quantize(4).save(tmp_path / "palette.png")
     np.testing.assert_allclose(read_image(tmp_path / "palette.png")[0, 0], (1, 0, 0))
+
+
+@pytest.mark.parametrize("beyond", [65536, -1])
+def test_whole_numbers_beyond_sixteen_bits_are_refused(tmp_path, beyond):
+    levels = np.array([[0, 65535]], np.int32)
+    Image.fromarray(levels).save(tmp_path / "a.tif")
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif")[..., 0], [[0, 1]])
+    levels[0, 0] = beyond
+    Image.fromarray(levels).save(tmp_path / "a.tif")
+    with pytest.raises(DataError, match=r"a\.tif: cannot be read as an image \(whole numbers beyond 16 bits"):
+        read_image(tmp_path / "a.tif")
 
 
 def test_missing_and_corrupt_images_are_named_and_counted(tmp_path):
