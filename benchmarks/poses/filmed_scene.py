@@ -80,14 +80,14 @@ def film(
         yield open_shutter[shutter // 2], picture(scene, open_shutter, spp, exposure(at / len(cameras)), at)
 
 
-def write_video(path: Path, frames: Iterable[np.ndarray]) -> int:
-    """Encode uint8 frames [H, W, 3], 30 per second; returns how many."""
+def write_video(path: Path, frames: Iterable[np.ndarray], aspect: Fraction = Fraction(1)) -> int:
+    """Encode uint8 frames [H, W, 3], 30 per second; returns how many. ``aspect``: width of a pixel over its height."""
     import av
 
     n = 0
     with av.open(str(path), "w") as container:
         stream: Any = container.add_stream("libx264", rate=Fraction(30), options={"crf": "18"})
-        stream.pix_fmt = "yuv420p"
+        stream.pix_fmt, stream.codec_context.sample_aspect_ratio = "yuv420p", aspect
         for frame in frames:
             if not n:
                 stream.height, stream.width = frame.shape[:2]

@@ -6,6 +6,7 @@ The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keep
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +24,7 @@ _DC = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
+_LARGEST_LOGIT = math.log(1e6 - 1)  # of an opacity of 1 - 1e-6
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 _CUT = ("cut_0", "cut_1", "cut_2")
 _SHIFT = (*(f"shift_{i}" for i in range(9)), "view_0", "view_1", "view_2")  # axis by axis, by each of the view
@@ -130,7 +132,10 @@ def _rest_names(n_rest: int) -> tuple[str, ...]:
 
 
 def _columns(path: Path, tables: dict[str, np.ndarray], element: str, names: tuple[str, ...]) -> np.ndarray:
-    """Columns of an element by name as float32 [rows, len(names)], all of them there and finite."""
+    """Columns of an element by name as float32 [rows, len(names)], all of them there and finite.
+
+    Opacities of 0 and 1, logits of ±∞, become finite.
+    """
     table = tables[element]
     out = np.empty((len(table), len(names)), np.float32)
     for i, name in enumerate(names):
@@ -140,6 +145,8 @@ def _columns(path: Path, tables: dict[str, np.ndarray], element: str, names: tup
             remedy = "this is a compressed PLY, export it uncompressed" if packed else remedy
             raise FileError(path, 'element "{element}" has no property "{name}"', remedy, element=element, name=name)
         out[:, i] = table[name]
+        if name in ("opacity", "dog_opacity"):
+            np.clip(out[:, i], -_LARGEST_LOGIT, _LARGEST_LOGIT, out=out[:, i], where=np.isinf(out[:, i]))
     if not np.isfinite(out).all():
         row, column = np.argwhere(~np.isfinite(out))[0]
         problem = '"{name}" in row {row} of the element "{element}" is not finite'

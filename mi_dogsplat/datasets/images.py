@@ -1,23 +1,39 @@
 """Image files: their pixels, premultiplied, as ``float32``, and what their headers say.
 
 - **EXIF orientation is ignored.** Structure from motion calibrates the stored pixel grid, so turning the
-  image would break its camera.
+  image would break its camera. Pillow turns TIFFs by itself: that is undone.
 - **OpenEXR** holds linear radiance (``exr.py``).
 - 16-bit grey PNG keeps its depth; 16-bit colour PNG is read with 8 bits, which is what Pillow offers.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from PIL.TiffImagePlugin import IMAGELENGTH, IMAGEWIDTH, TiffImageFile
 
 from ..support.errors import DataError
 from .claimed_size import require_photograph
 from .exr import exr_header, is_exr, read_exr
 
 EXIF_ORIENTATION = 274
+TURNS = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}  # by the value of the tag: what makes the pixels upright; 1 is upright
+BACK = {
+    Image.Transpose.ROTATE_90: Image.Transpose.ROTATE_270,
+    Image.Transpose.ROTATE_270: Image.Transpose.ROTATE_90,
+}  # what undoes a turn; each of the others undoes itself
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
 Image.init()  # makes all formats known: by itself Pillow does so when the first few have failed
 UNREADABLE = (
@@ -36,15 +52,30 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def open_image(path: Path) -> Image.Image:
+@contextmanager
+def open_image(path: Path) -> Iterator[Image.Image]:
     """An image whose pixels are not read yet. Raises one of ``UNREADABLE``, also for a decompression bomb."""
-    image = Image.open(path, formats=FORMATS)
-    try:
+    # not by its name: Pillow would map the file to memory, with width and height of a turned TIFF exchanged
+    with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
         require_photograph(image.width, image.height, path.stat().st_size)
-    except ValueError:
-        image.close()
-        raise
-    return image
+        yield image
+
+
+def stored(image: Image.Image) -> Image.Image:
+    """The image with its pixels read, as they lie in the file. Raises one of ``UNREADABLE``."""
+    turn = TURNS.get(image.tag_v2.get(EXIF_ORIENTATION, 1)) if isinstance(image, TiffImageFile) else None
+    image.load()  # which removes the tag where Pillow is new
+    return image if turn is None else image.transpose(BACK.get(turn, turn))
+
+
+def stored_size(image: Image.Image) -> tuple[int, int]:
+    """(width, height) of the pixels as they lie in the file of an image that was opened, whether they are read or not.
+
+    Some versions of Pillow exchange those of a TIFF before they turn it, others only then.
+    """
+    if isinstance(image, TiffImageFile):
+        return image.tag_v2[IMAGEWIDTH], image.tag_v2[IMAGELENGTH]
+    return image.size
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -67,12 +98,15 @@ def read_image(path: Path) -> np.ndarray:
     if is_exr(path):
         return read_exr(path)
     try:
-        with open_image(path) as image:
+        with open_image(path) as opened:
+            image = stored(opened)
             if image.mode == "F":
                 raise ValueError("floating-point pixels have no display range")
-            if image.mode.startswith("I"):  # 16-bit grey
-                grey = np.asarray(image, dtype=np.float32) / 65535  # [H, W]
-                return np.repeat(grey[..., None], 3, axis=2)
+            if image.mode.startswith("I"):  # 16-bit grey, as which Pillow may give 32 bits, too
+                levels = np.asarray(image)  # [H, W]
+                if levels.min() < 0 or levels.max() > 65535:
+                    raise ValueError("whole numbers beyond 16 bits have no display range")
+                return np.repeat((levels.astype(np.float32) / 65535)[..., None], 3, axis=2)
             alpha = "A" in image.getbands() or "transparency" in image.info
             pixels = (
                 np.asarray(image.convert("RGBA" if alpha else "RGB"), dtype=np.float32) / 255
@@ -95,7 +129,7 @@ def header(path: Path) -> tuple[tuple[int, int], bool]:
         return exr_header(path)
     try:
         with open_image(path) as image:
-            return image.size, "A" in image.getbands() or "transparency" in image.info
+            return stored_size(image), "A" in image.getbands() or "transparency" in image.info
     except UNREADABLE as error:
         raise _corrupt(path, error) from error
 

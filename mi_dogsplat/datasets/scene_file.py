@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..support.errors import DataError
-from ..support.scene_errors import scene_error
+from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.threads import threads_to_load
 
 SURROUNDING = 4.0  # a floor or dome is so many times larger than all that is smaller
@@ -26,7 +26,7 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
     config = _parser_config(path)
     config.merge_meshes = config.merge_equivalent = False
     folders = mi.file_resolver()  # pyright: ignore[reportCallIssue]
-    folders.prepend(str(path.parent.resolve()))
+    folders.prepend(as_mitsuba_reads(path.parent.resolve()))
     try:
         state = mi.parser.parse_file(config, str(path))
         mi.parser.transform_all(config, state)
@@ -67,6 +67,7 @@ def _parser_config(path: Path) -> Any:
         raise DataError(path, "no Mitsuba variant is set", 'call mi.set_variant("llvm_ad_rgb") first')
     if not path.is_file():
         raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
+    as_mitsuba_reads(path)
     return mi.parser.ParserConfig(variant)
 
 

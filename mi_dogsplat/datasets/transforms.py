@@ -82,13 +82,7 @@ def split_sources(
     content = _parse(file) if content is None else content
     sources = _sources(file, content)
     test_file = file.with_name("transforms_test.json")
-    named = content.get("test_filenames", [])
-    if not isinstance(named, list):
-        raise DataError(file, '"test_filenames" is no list', "make it a list of image names, or remove it")
-    test_names = {view_name(str(name)) for name in named}
-    if any(NAME in frame for frame in content["frames"]):
-        called = {view_name(str(frame["file_path"])): str(frame.get(NAME, "")) for frame in content["frames"]}
-        test_names = {called.get(name) or name for name in test_names}
+    test_names = _named_for_testing(file, content, sources)
     if file.stem == "transforms_train" and test_file.is_file():
         test_sources = _sources(test_file, _parse(test_file))
         test_names = {source.name for source in test_sources}
@@ -159,6 +153,21 @@ def _image_path(folder: Path, name: str) -> Path:
     path = folder / name.replace("\\", "/")
     candidates = (path.parent / (path.name + extension) for extension in EXTENSIONS)
     return next((candidate for candidate in candidates if is_file(candidate)), path)
+
+
+def _named_for_testing(file: Path, content: dict[str, Any], sources: list[ViewSource]) -> set[str]:
+    """What ``test_filenames`` names, as views where it finds some: by ``file_path``, or another path to the image."""
+    named = content.get("test_filenames", [])
+    if not isinstance(named, list):
+        raise DataError(file, '"test_filenames" is no list', "make it a list of image names, or remove it")
+    called = {view_name(str(f["file_path"])): s.name for f, s in zip(content["frames"], sources, strict=True)}
+    places = {source.image_path.resolve(): source.name for source in sources} if named else {}
+    found: set[str] = set()
+    for name in map(str, named):
+        path = _image_path(file.parent, name)
+        place = places.get(path.resolve()) if is_file(path) else None
+        found.add(called.get(view_name(name)) or place or view_name(name))
+    return found
 
 
 def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:

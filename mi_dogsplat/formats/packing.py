@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..scene.opacity import SMALLEST_OPACITY
 from ..scene.row_groups import SH
 from ..scene.splats import Array, Splats
 
 SQRT2 = np.sqrt(2.0)
 OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components beside the one left out, in order
 MORTON_BITS = 10  # per axis: 2^30 cells are finer than any sorting needs
-SMALLEST_OPACITY = 1e-6  # of a logit that is finite, where 8 bits say 0 or 1
 # Half turns from RDF (x right, y down, z forward), the axes of 3DGS PLY and of COLMAP's cameras: signs of x, y and z,
 # and of the 16 basis functions of SH, in the order of 3DGS.
 RUB = (1, -1, -1), (1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1)  # right, up, back: SPZ

@@ -101,7 +101,7 @@ def _by_content(path: Path, head: bytes) -> Format | None:
     if head[:4] == ZIP:
         return SOG
     if head.lstrip()[:1] == b"{" and path.suffix.lower() != ".gltf" and _is_text(head):
-        return SOG if path.name.lower() == sog_read.META or _has_means(path) else GLB
+        return SOG if path.name.lower() == sog_read.META or is_sog_meta(path) else GLB
     return None
 
 
@@ -114,8 +114,8 @@ def _is_text(head: bytes) -> bool:
     return b"\0" not in head
 
 
-def _has_means(path: Path) -> bool:
-    """Whether a JSON is that of SOG; whoever reads it says what is wrong with one that is broken."""
+def is_sog_meta(path: Path) -> bool:
+    """Whether a JSON file is that of SOG; whoever reads it says what is wrong with one that is broken."""
     try:
         content = parse_json(path.read_text(encoding="utf-8"))
     except ValueError:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..formats.read import format_of, is_model_name, read_model
+from ..formats.read import format_of, is_model_name, is_sog_meta, read_model
 from ..formats.sizes import FileKind, by_part
+from ..formats.sog_read import META
 from ..poses.config import SETTINGS as POSES
 from ..render.framing import CORE, robust_sphere
 from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, POSED, read_run
@@ -27,6 +28,7 @@ ACCEPTED = (
     "give a model (.ply .spz .sog .glb .gltf .splat), a run folder, or a data set: a COLMAP folder, a folder with "
     "transforms.json or transforms_train.json, or a Mitsuba scene .xml"
 )
+DATA_FILES = (".xml", ".json")
 RUN_FILES = (CONFIG, HISTORY, METRICS)
 SETTINGS = ("preset", "downscale", "max_primitives", "seed")  # of a run that are always told
 # told elsewhere, of the preset, or of no matter for the result
@@ -57,21 +59,33 @@ def describe(path: str | Path) -> list[str]:
 
 
 def kind_of(path: Path) -> str:
-    """``model``, ``run`` or ``data``, by names alone. Raises ``DataError`` for all else."""
+    """``model``, ``run`` or ``data``, by names, or by the first bytes where these say nothing. Raises ``DataError``."""
     if not path.exists():
         raise DataError(path, "no such file or folder", ACCEPTED)
-    if path.is_file() and is_model_name(path):
+    if path.is_file() and (is_model_name(path) or _begins_as_model(path)):
         return "model"
     if path.is_dir() and any((path / name).is_file() for name in RUN_FILES):
         return "run"
-    if path.suffix in (".xml", ".json") if path.is_file() else _is_dataset(path):
+    if path.suffix in DATA_FILES if path.is_file() else _is_dataset(path):
         return "data"
     raise _unknown(path)
+
+
+def _begins_as_model(path: Path) -> bool:
+    if path.suffix in DATA_FILES:
+        return False
+    try:
+        return bool(format_of(path))
+    except (DataError, OSError):
+        return False
 
 
 def _unknown(path: Path) -> DataError:
     from ..poses.input import needs_poses, require_input  # here: see ``_is_dataset``
 
+    meta = path / META
+    if meta.is_file() and is_sog_meta(meta):  # whose pictures are no photographs
+        return DataError(path, "this is a folder", f"give the model in it: {meta}")
     if (path / POSED / POSES).is_file():
         return DataError(path, "is a run that has not begun to train", "the same dogsplat train goes on with it")
     if needs_poses(path):

@@ -8,20 +8,12 @@ from typing import Any
 
 from PIL import ExifTags, Image
 
+from ..datasets.images import TURNS
 from .gravity import down_of
 
 DIAGONAL_35MM = math.hypot(36, 24)  # mm; CIPA DC-008 compares fields of view by the diagonal
 SAME_SHAPE = 0.02  # relative difference of the ratios of two sizes that are of one picture
 DEVICE = (ExifTags.Base.Make, ExifTags.Base.Model, ExifTags.Base.LensModel, ExifTags.Base.FocalLength)
-TURNS = {
-    2: Image.Transpose.FLIP_LEFT_RIGHT,
-    3: Image.Transpose.ROTATE_180,
-    4: Image.Transpose.FLIP_TOP_BOTTOM,
-    5: Image.Transpose.TRANSPOSE,
-    6: Image.Transpose.ROTATE_270,
-    7: Image.Transpose.TRANSVERSE,
-    8: Image.Transpose.ROTATE_90,
-}  # by the value of the tag; 1 is upright
 QUARTER_TURNS = tuple(TURNS[value] for value in (5, 6, 7, 8))  # which exchange width and height
 MM_PER_UNIT = {2: 25.4, 3: 10.0}  # FocalPlaneResolutionUnit: inch, centimetre
 

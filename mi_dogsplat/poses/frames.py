@@ -28,7 +28,7 @@ def take_frames(
     if not choice.is_file():
         marks: list[FrameMark] = []
         odometer = Odometer()
-        for index, frame in read_frames(video):
+        for index, frame, _ in read_frames(video):
             marks.append(odometer.mark(index, grey_of(frame, SMALL)))
             progress(len(marks), 0)
         write_json(choice, choose(marks, n))
@@ -37,10 +37,10 @@ def take_frames(
         raise DataError(video, "nothing moves in it", "walk around what you film: depth shows in views from elsewhere")
     names = {index: f"frame_{index:06d}.jpg" for index in chosen}
     missing = {index for index, name in names.items() if not (folder / name).is_file()}
-    for index, frame in read_frames(video) if missing else ():
+    for index, frame, aspect in read_frames(video) if missing else ():
         if index in missing:
             with replacing(folder / names[index]) as part:
-                Image.fromarray(upright_rgb(frame)).save(part, "JPEG", **QUALITY)
+                Image.fromarray(upright_rgb(frame, aspect)).save(part, "JPEG", **QUALITY)
             progress(chosen.index(index) + 1, len(chosen))
         if index == chosen[-1]:
             break

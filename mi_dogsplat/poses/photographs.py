@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from ..datasets.dataset import require_unique_names, view_name
-from ..datasets.images import UNREADABLE, open_image, read_image
+from ..datasets.images import UNREADABLE, open_image, read_image, stored, stored_size
 from ..datasets.masks import mask_files, no_mask, require_white
 from ..support.cores import usable_cores
 from ..support.errors import DataError
@@ -67,10 +67,9 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
         if not copied and kind != "JPEG":
             target = target.with_suffix(".png")
         missing = not target.is_file()
-        if missing:
-            image.load()  # all of it: what is cut off shows now
-        upright = _upright(image, source, exif.turn) if missing and not copied else None
-        width, height = image.size[::-1] if exif.turn in QUARTER_TURNS else image.size
+        width, height = stored_size(image)[:: -1 if exif.turn in QUARTER_TURNS else 1]
+        pixels = stored(image) if missing else None  # all of them: what is cut off shows now
+        upright = _upright(pixels, source, exif.turn) if pixels and not copied else None
     if upright:
         _write(upright, target, kind)
     elif missing:

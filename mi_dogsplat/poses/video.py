@@ -1,4 +1,4 @@
-"""Video files, by PyAV, whose wheel holds ffmpeg: frames one after the other, upright.
+"""Video files, by PyAV, whose wheel holds ffmpeg: frames one after the other, upright, with square pixels.
 
 A damaged packet is left out, as players do. Files only: no playlist, no address is followed.
 """
@@ -25,10 +25,11 @@ def require_av() -> None:
     import av  # noqa: F401
 
 
-def read_frames(path: Path) -> Iterator[tuple[int, Any]]:
-    """(index, ``av.VideoFrame``) of each frame that can be decoded, in the order in which they are shown.
+def read_frames(path: Path) -> Iterator[tuple[int, Any, float]]:
+    """(index, ``av.VideoFrame``, its pixels' width over their height) of each frame that can be decoded.
 
-    Raises ``DataError`` for what is no video, and at the end if more than a tenth of it was damaged.
+    They come in the order in which they are shown. Raises ``DataError`` for what is no video, and at the end if more
+    than a tenth of it was damaged.
     """
     import av
     from av import logging
@@ -41,13 +42,13 @@ def read_frames(path: Path) -> Iterator[tuple[int, Any]]:
             if not container.streams.video:
                 raise DataError(path, "holds no pictures, only sound", "give a video")
             stream = container.streams.video[0]
-            stream.thread_type = "AUTO"
+            stream.thread_type, aspect = "AUTO", pixel_aspect(stream)
             for frames in _decoded_packets(container.demux(stream)):
                 damaged += frames is None
                 if damaged > max(10, index):
                     break
                 for frame in frames or ():
-                    yield index, frame
+                    yield index, frame, aspect
                     index += 1
     except FFmpegError as error:
         raise DataError(path, f"cannot be read as a video ({error.strerror})", REMEDY) from error
@@ -71,6 +72,12 @@ def _decoded_packets(packets: Iterator[Any]) -> Iterator[list[Any] | None]:
         yield frames
 
 
+def pixel_aspect(stream: Any) -> float:
+    """Width of a pixel over its height; 1 where the file does not say, or says what no camera has."""
+    aspect = float(stream.sample_aspect_ratio or 1)
+    return aspect if 1 / 4 <= aspect <= 4 else 1.0
+
+
 def grey_of(frame: Any, longest: int) -> np.ndarray:
     """Luma [H, W] in 0..1, float32, shrunk to this longest side; as it lies in the file, which may be turned."""
     scale = min(1.0, longest / max(frame.width, frame.height))
@@ -78,7 +85,11 @@ def grey_of(frame: Any, longest: int) -> np.ndarray:
     return frame.reformat(**size, format="gray", interpolation="AREA").to_ndarray().astype(np.float32) / 255
 
 
-def upright_rgb(frame: Any) -> np.ndarray:
-    """uint8 [H, W, 3], turned as the file says that it was held."""
+def upright_rgb(frame: Any, aspect: float) -> np.ndarray:
+    """uint8 [H, W, 3] with square pixels, turned as the file says that it was held; ``aspect`` as in ``read_frames``.
+
+    A camera of structure from motion has one focal length for both axes.
+    """
+    wide = frame.to_ndarray(format="rgb24", width=round(frame.width * aspect), height=frame.height)
     quarters = round(frame.rotation / 90)  # counterclockwise
-    return np.ascontiguousarray(np.rot90(frame.to_ndarray(format="rgb24"), quarters))
+    return np.ascontiguousarray(np.rot90(wide, quarters))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -14,7 +16,7 @@ from ..scene.appearance import read_appearance
 from ..support.errors import DataError, interruptible, writing
 from ..support.files import replacing
 from ..support.pictures import write_channels, write_exr, write_png
-from ..support.scene_errors import scene_error
+from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.srgb import linear_to_srgb
 from ..support.threads import threads_to_load
 from .picture import Picture, as_taken, picture_of, premultiplied
@@ -72,7 +74,11 @@ def render_model(
 
 
 def render_scene(
-    path: str | Path, out: str | Path, spp: int = 0, on_pass: Callable[[int, int], None] | None = None
+    path: str | Path,
+    out: str | Path,
+    spp: int = 0,
+    on_pass: Callable[[int, int], None] | None = None,
+    drawing: AbstractContextManager[None] | None = None,
 ) -> None:
     """Render the first sensor of a Mitsuba scene with the scene's own integrator.
 
@@ -84,9 +90,8 @@ def render_scene(
         out: the picture.
         spp: samples per pixel; 0 is what the scene says.
         on_pass: called with the number of samples that each pixel has, and that of all, by integrators that splat.
+        drawing: entered while Mitsuba loads and draws, and left before the picture is written.
     """
-    from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
-
     path, out = Path(path), Path(out)
     require_suffix(out)
     if out.suffix.lower() == ".npz":
@@ -95,21 +100,10 @@ def render_scene(
         raise DataError("--spp", f"{spp} samples per pixel are not possible", "give 1 or more")
     if not path.is_file():
         raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
+    file = as_mitsuba_reads(path)
     try:
-        with threads_to_load():
-            scene = mi.load_file(str(path))
-        if not isinstance(scene, mi.Scene):
-            raise RuntimeError("its root is no scene")
-        if not scene.sensors():
-            raise RuntimeError("it has no sensor")
-        integrator = scene.integrator()
-        if integrator is None:
-            raise RuntimeError("it has no integrator")
-        if isinstance(integrator, SplatIntegrator):
-            integrator.on_pass = on_pass
-        with interruptible():
-            mi.render(scene, spp=spp)
-        bitmap = scene.sensors()[0].film().bitmap()
+        with drawing or nullcontext():
+            bitmap = _drawn(file, spp, on_pass)
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
         raise scene_error(path, error, "Mitsuba cannot render it") from error
     if out.suffix.lower() == ".exr":
@@ -125,6 +119,26 @@ def render_scene(
         raise DataError(path, "its render holds NaN", "correct the scene, or write .exr to see where they are")
     with writing(out):
         write_png(out, linear_to_srgb(linear))
+
+
+def _drawn(file: str, spp: int, on_pass: Callable[[int, int], None] | None) -> Any:
+    """What the first sensor of a scene sees, a ``mi.Bitmap``, whose type stubs lack what is used of it."""
+    from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
+
+    with threads_to_load():
+        scene = mi.load_file(file)
+    if not isinstance(scene, mi.Scene):
+        raise RuntimeError("its root is no scene")
+    if not scene.sensors():
+        raise RuntimeError("it has no sensor")
+    integrator = scene.integrator()
+    if integrator is None:
+        raise RuntimeError("it has no integrator")
+    if isinstance(integrator, SplatIntegrator):
+        integrator.on_pass = on_pass
+    with interruptible():
+        mi.render(scene, spp=spp)
+    return scene.sensors()[0].film().bitmap()
 
 
 def require_suffix(out: Path) -> None:

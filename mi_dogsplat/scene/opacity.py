@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+SMALLEST_OPACITY = 1e-6  # of a logit that is finite, where a file says 0 or 1
+LARGEST_LOGIT = math.log(1 / SMALLEST_OPACITY - 1)  # of 1 less that; and of the smallest, but for its sign
 
 
 def sigmoid(x: NDArray[Any]) -> NDArray[Any]:

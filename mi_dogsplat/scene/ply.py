@@ -14,8 +14,8 @@ A model whose primitives have SH degrees of their own is padded with zeros to th
 that there is (uint index, float f_rest_*, channel-major as in ``vertex``), one row per primitive of that degree.
 
 Read as well: ASCII, big-endian, any scalar types, columns in any order, extra columns and
-elements, files without normals (gsplat), SH degree 0..3, and the method authors' layout (dog_* as columns of
-``vertex``: all are DoG).
+elements, files without normals (gsplat), SH degree 0..3, opacities of 0 and 1 (logits of ±∞, which become finite), and
+the method authors' layout (dog_* as columns of ``vertex``: all are DoG).
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ import numpy as np
 from ..support.errors import DataError, writing
 from ..support.files import replacing
 from ..support.wording import counted
+from .opacity import LARGEST_LOGIT
 from .ply_tables import NOT_3DGS, TableReader, check_finite
 from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SHIFTS, SLOPES, Array, RowGroup, in_several
 from .splats import Splats
@@ -88,7 +89,7 @@ def _read_model(reader: TableReader) -> Splats:
     means = reader.columns(vertex, "vertex", _POSITION)  # [N, 3]
     dc = reader.columns(vertex, "vertex", _DC)  # [N, 3]
     rest = _by_coefficient(reader.columns(vertex, "vertex", _rest_names(n_rest)))  # [N, K-1, 3]
-    logit_opacities = reader.columns(vertex, "vertex", ("opacity",))[:, 0]  # [N]
+    logit_opacities = reader.columns(vertex, "vertex", ("opacity",), LARGEST_LOGIT)[:, 0]  # [N]
     log_scales = reader.columns(vertex, "vertex", _SCALE)  # [N, 3]
     quats = reader.columns(vertex, "vertex", _ROTATION)[:, _XYZW_FROM_WXYZ]  # [N, 4]
     dog_index, dog = _read_dog(reader, tables, len(means))  # [M], [M, 4]
@@ -112,12 +113,17 @@ def _read_dog(reader: TableReader, tables: dict[str, Array], n_splats: int) -> t
     if "dog" not in tables:
         if not inside_vertex:
             return np.zeros(0, np.uint32), np.zeros((0, 4), np.float32)
-        return np.arange(n_splats), reader.columns(tables["vertex"], "vertex", _DOG)
+        return np.arange(n_splats), _dog_columns(reader, tables["vertex"], "vertex")
 
     if inside_vertex:
         reader.fail('DoG data both in the element "vertex" and in the element "dog"', "keep one of the two")
     index, order = _read_index(reader, tables["dog"], "dog", n_splats, "DoG primitive")
-    return index, reader.columns(tables["dog"], "dog", _DOG)[order]
+    return index, _dog_columns(reader, tables["dog"], "dog")[order]
+
+
+def _dog_columns(reader: TableReader, table: Array, element: str) -> Array:
+    opacity = reader.columns(table, element, _DOG[:1], LARGEST_LOGIT)
+    return np.concatenate([opacity, reader.columns(table, element, _DOG[1:])], axis=1)
 
 
 def _read_of_some(reader: TableReader, tables: dict[str, Array], n_splats: int) -> dict[str, Array]:

@@ -6,7 +6,7 @@ OpenEXR holds linear radiance by convention, so its colour layer passes through 
 
 from __future__ import annotations
 
-import errno
+import io
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -48,11 +48,10 @@ def write_png(path: str | Path, image: ArrayLike) -> None:
     pixels = np.round(np.clip(values, 0, 1) * 255).astype(np.uint8)
     import mitsuba as mi  # here: models and data sets can be read without it
 
+    written = mi.MemoryStream()  # Mitsuba opens no path that is not UTF-8
+    mi.Bitmap(pixels).write(written, mi.Bitmap.FileFormat.PNG)
     with replacing(path) as part:
-        try:
-            mi.Bitmap(pixels).write(str(part), mi.Bitmap.FileFormat.PNG)
-        except RuntimeError as error:  # how Mitsuba says that a file cannot be opened
-            raise OSError(errno.EIO, str(error).rpartition(": ")[2], str(path)) from error
+        part.write_bytes(written.raw_buffer())
 
 
 def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
@@ -101,8 +100,7 @@ def write_channels(path: str | Path, planes: Mapping[str, NDArray]) -> None:
     Raises ``OSError``. Mitsuba's own writer takes all planes in one array, and waits for ever where there is one core.
     """
     whole = {name: np.ascontiguousarray(plane) for name, plane in planes.items()}  # strides are not looked at
+    written = io.BytesIO()  # OpenEXR opens no path that is not UTF-8
+    OpenEXR.File(dict(HEADER), whole).write(written)
     with replacing(path) as part:
-        try:
-            OpenEXR.File(dict(HEADER), whole).write(str(part))
-        except RuntimeError as error:
-            raise OSError(errno.EIO, str(error).rpartition('". ')[2].rstrip("."), str(path)) from error
+        part.write_bytes(written.getbuffer())

@@ -15,6 +15,15 @@ _PLACE = re.compile(
 _PLUGIN = re.compile(r'failed to instantiate \w+ plugin of type "(?P<type>[^"]+)":\s+(?:\w+: )?')
 
 
+def as_mitsuba_reads(path: Path) -> str:
+    """The path of a scene as text. Raises ``DataError`` for one that is not UTF-8, which Mitsuba cannot be told."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise DataError(path, "its path is not UTF-8, and Mitsuba reads no other", "rename it") from None
+    return str(path)
+
+
 def scene_error(path: Path, error: BaseException, problem: str, remedy: str = "correct the scene") -> DataError:
     """What an exception says about the scene of a file, with the line that it is about where that is known.
 

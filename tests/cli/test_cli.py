@@ -9,6 +9,7 @@ from importlib.metadata import version
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
+import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
@@ -24,6 +25,7 @@ from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.support.pictures import write_png
 from mi_dogsplat.support.wording import file_size
 from PIL import Image
+from scene_files import scene_file
 
 COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "info", "check", "export", "view")
 COMMANDS += ("clean", "film", "poses", "serve", "simplify")
@@ -199,13 +201,19 @@ def test_what_knows_better_how_it_goes_on_says_so(capsys):
     assert capsys.readouterr().err == "dogsplat: stopped; the same command again goes on from here\n"
 
 
-def test_sigterm_ends_a_render_by_mitsuba_within_which_no_handler_begins(tmp_path, monkeypatch, capsys):
-    actions = []
-    monkeypatch.setattr(
-        "mi_dogsplat.render.render_files.render_scene", lambda *_: actions.append(signal.getsignal(signal.SIGTERM))
-    )
-    assert run(capsys, "render", "s.xml", "-o", tmp_path / "s.png")[0] == 0
-    assert actions == [signal.SIG_DFL]
+def test_signals_end_a_render_by_mitsuba_within_which_no_handler_begins_and_not_its_writing(
+    tmp_path, monkeypatch, capsys
+):
+    actions, render = [], mi.render
+
+    def note(*_, **__):
+        actions.append([signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)])
+
+    monkeypatch.setattr("mitsuba.render", lambda *scene, **settings: (note(), render(*scene, **settings)))
+    monkeypatch.setattr("mi_dogsplat.render.render_files.write_png", note)
+    assert run(capsys, "render", scene_file(tmp_path), "-o", tmp_path / "s.png")[0] == 0
+    drawing, writing = actions
+    assert drawing == [signal.SIG_DFL] * 2 and signal.SIG_DFL not in writing
 
 
 def test_a_bug_is_not_dressed_up_as_bad_input(data, tmp_path, monkeypatch):

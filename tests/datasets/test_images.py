@@ -5,8 +5,9 @@ import pytest
 from dataset_folders import HEIGHT, WIDTH, error_of, transforms_folder, write_images
 from mi_dogsplat.datasets import View, camera_extent, load_dataset
 from mi_dogsplat.datasets.dataset import ByteView, as_bytes, from_bytes, held
-from mi_dogsplat.datasets.images import read_image
+from mi_dogsplat.datasets.images import header, read_image
 from mi_dogsplat.scene.cameras import Camera, opengl_c2w_to_opencv_w2c
+from mi_dogsplat.support.errors import DataError
 from PIL import Image
 
 
@@ -72,6 +73,17 @@ def test_sixteen_bit_grey_and_palette_images_are_read(tmp_path):
     np.testing.assert_allclose(read_image(tmp_path / "palette.png")[0, 0], (1, 0, 0))
 
 
+@pytest.mark.parametrize("beyond", [65536, -1])
+def test_whole_numbers_beyond_sixteen_bits_are_refused(tmp_path, beyond):
+    levels = np.array([[0, 65535]], np.int32)
+    Image.fromarray(levels).save(tmp_path / "a.tif")
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif")[..., 0], [[0, 1]])
+    levels[0, 0] = beyond
+    Image.fromarray(levels).save(tmp_path / "a.tif")
+    with pytest.raises(DataError, match=r"a\.tif: cannot be read as an image \(whole numbers beyond 16 bits"):
+        read_image(tmp_path / "a.tif")
+
+
 def test_missing_and_corrupt_images_are_named_and_counted(tmp_path):
     transforms_folder(tmp_path)
     (tmp_path / "images/r_1.png").unlink()
@@ -96,6 +108,19 @@ def test_an_exif_orientation_is_ignored_and_named_when_the_size_does_not_fit(tmp
             assert load_dataset(tmp_path).train[0].image.shape == (HEIGHT, WIDTH, 3)
         else:
             assert "EXIF" in error_of(tmp_path)
+
+
+@pytest.mark.parametrize("mode", ["L", "RGB", "RGBA"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_the_orientation_of_a_tiff_is_ignored_too(tmp_path, mode, orientation):
+    """Pillow turns TIFFs by itself; what is not compressed it maps to memory, by the size of what it has turned."""
+    pixels = np.random.default_rng(0).integers(0, 256, (6, 9, 3)).astype(np.uint8)
+    image, exif = Image.fromarray(pixels).convert(mode), Image.Exif()
+    exif[274] = orientation
+    image.save(tmp_path / "a.tif", exif=exif)
+    image.save(tmp_path / "a.png")
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), read_image(tmp_path / "a.png"))
+    assert header(tmp_path / "a.tif") == header(tmp_path / "a.png")
 
 
 def test_a_path_that_is_no_data_set_says_what_was_looked_for(tmp_path):

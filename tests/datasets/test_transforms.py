@@ -46,6 +46,16 @@ def test_the_split_is_taken_from_the_train_and_test_files_or_from_test_filenames
     assert [view.name for view in dataset.test] == ["r_1"]
 
 
+@pytest.mark.parametrize("absolute", ["file_path", "test_filenames"])
+def test_a_test_image_is_found_by_any_path_to_it(tmp_path, absolute):
+    """As nerfstudio finds it: paths are relative to the folder, or absolute."""
+    frames = json.loads((transforms_folder(tmp_path) / "transforms.json").read_text())["frames"]
+    relative, whole = "images/r_1.png", str(tmp_path / "images" / "r_1.png")
+    frames[1]["file_path"], test = (whole, relative) if absolute == "file_path" else (relative, whole)
+    transforms_folder(tmp_path, frames=frames, test_filenames=[test])
+    assert [view.name[-3:] for view in load_dataset(tmp_path).test] == ["r_1"]
+
+
 def test_test_images_that_are_not_there_are_one_line_and_not_a_set_without_test_views(tmp_path):
     problem = '"test_filenames" names none of its images'
     assert problem in error_of(transforms_folder(tmp_path, test_filenames=["images/s_1.png", "images/s_2.png"]))

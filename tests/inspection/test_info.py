@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import zipfile
 from pathlib import Path
 
 import mitsuba as mi
@@ -322,6 +323,24 @@ def test_a_broken_file_of_a_known_kind_is_told_what_is_broken(tmp_path, broken):
     (tmp_path / broken.name).write_bytes(broken.content)
     with pytest.raises(DataError, match=broken.words):
         describe(tmp_path / broken.name)
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.glb", "a.sog"])
+def test_a_model_is_known_by_its_first_bytes_whatever_it_is_called(tmp_path, name):
+    write_model(tmp_path / name, Model(tiny_data.truth()))
+    (tmp_path / name).rename(tmp_path / "model")
+    assert value_of(describe(tmp_path / "model"), "primitives").startswith("60, ")
+
+
+def test_the_pictures_of_a_sog_are_no_photographs_and_the_model_is_named(tmp_path):
+    write_model(tmp_path / "a.sog", Model(tiny_data.truth()))
+    with zipfile.ZipFile(tmp_path / "a.sog") as bundle:
+        bundle.extractall(tmp_path / "sog")
+    with pytest.raises(DataError, match=r"sog: this is a folder; give the model in it: .*meta\.json$"):
+        describe(tmp_path / "sog")
+    (tmp_path / "sog" / "meta.json").write_text('{"device": "a phone"}')
+    with pytest.raises(DataError, match="has no cameras yet"):
+        describe(tmp_path / "sog")
 
 
 def test_a_broken_run_is_told_too(tmp_path):

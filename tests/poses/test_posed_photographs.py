@@ -37,11 +37,13 @@ def prepared(folder, out):
     return prepare(sources, out, lambda done, n: None)
 
 
+@pytest.mark.parametrize("suffix", ["png", "tif"])
 @pytest.mark.parametrize("orientation", SHOWN)
-def test_pixels_are_turned_as_the_tag_says(tmp_path, orientation):
+def test_pixels_are_turned_once_as_the_tag_says(tmp_path, orientation, suffix):
     (tmp_path / "in").mkdir()
-    Image.fromarray(pixels()).save(tmp_path / "in" / "a.png", exif=tags(orientation))
+    Image.fromarray(pixels()).save(tmp_path / "in" / f"a.{suffix}", exif=tags(orientation))
     photograph = prepared(tmp_path / "in", tmp_path / "out")[0]
+    assert prepared(tmp_path / "in", tmp_path / "out") == [photograph]  # now without reading pixels
     with Image.open(tmp_path / "out" / "a.png") as image:
         assert image.getexif().get(ORIENTATION, 1) == 1
         np.testing.assert_array_equal(np.asarray(image), SHOWN[orientation](pixels()))

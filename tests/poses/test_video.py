@@ -2,14 +2,16 @@
 
 import struct
 from collections.abc import Iterable
+from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from mi_dogsplat.poses.frame_choice import LEAST, FrameMark, Odometer, choose, sharpness, shift
 from mi_dogsplat.poses.frames import take_frames
-from mi_dogsplat.poses.video import grey_of, read_frames, upright_rgb
+from mi_dogsplat.poses.video import grey_of, pixel_aspect, read_frames, upright_rgb
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
 from scipy.ndimage import gaussian_filter
@@ -109,18 +111,42 @@ def test_frames_that_are_missing_are_taken_from_the_same_places(tmp_path, monkey
     assert (tmp_path / "images" / names[2]).read_bytes() == before
 
 
+def turned_clockwise(video: Path, out: Path) -> None:
+    data = video.read_bytes()
+    at = data.index(IDENTITY, data.index(b"tkhd"))
+    out.write_bytes(data[:at] + CLOCKWISE + data[at + len(CLOCKWISE) :])
+
+
 def test_a_phone_held_upright_gives_upright_frames(tmp_path):
     frame = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     frame[: HEIGHT // 2, : WIDTH // 2] = 255  # top left in the file, top right when it is turned clockwise
     write_video(tmp_path / "a.mp4", [frame] * 3)
-    data = (tmp_path / "a.mp4").read_bytes()
-    at = data.index(IDENTITY, data.index(b"tkhd"))
-    (tmp_path / "b.mp4").write_bytes(data[:at] + CLOCKWISE + data[at + len(CLOCKWISE) :])
-    _, upright = next(iter(read_frames(tmp_path / "b.mp4")))
-    picture = upright_rgb(upright)
+    turned_clockwise(tmp_path / "a.mp4", tmp_path / "b.mp4")
+    _, upright, aspect = next(iter(read_frames(tmp_path / "b.mp4")))
+    picture = upright_rgb(upright, aspect)
     assert picture.shape == (WIDTH, HEIGHT, 3)
     assert picture[: WIDTH // 2, HEIGHT // 2 :].min() > 200 and picture[WIDTH // 2 :].max() < 50
     assert grey_of(upright, 40).shape == (24, 40)
+
+
+def test_frames_whose_pixels_are_not_square_are_widened_before_they_are_turned(tmp_path):
+    """As HDV has them: 1440x1080 that are shown as 1920x1080."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    circle = (x * 4 / 3 - WIDTH * 2 / 3) ** 2 + (y - HEIGHT / 2) ** 2 < 30**2
+    frame = np.repeat((255 * circle).astype(np.uint8)[..., None], 3, -1)
+    write_video(tmp_path / "a.mp4", [frame] * 3, Fraction(4, 3))
+    turned_clockwise(tmp_path / "a.mp4", tmp_path / "b.mp4")
+    wide = round(WIDTH * 4 / 3)
+    for name, size in ("a.mp4", (HEIGHT, wide)), ("b.mp4", (wide, HEIGHT)):
+        _, squeezed, aspect = next(iter(read_frames(tmp_path / name)))
+        shown = upright_rgb(squeezed, aspect)[..., 0] > 128
+        assert shown.shape == size
+        assert [shown.any(axis=k).sum() for k in (0, 1)] == pytest.approx([60, 60], abs=2)
+
+
+@pytest.mark.parametrize("said", [None, Fraction(0), Fraction(1, 1000), Fraction(1000)])
+def test_pixels_that_no_camera_has_are_taken_as_square(said):
+    assert pixel_aspect(SimpleNamespace(sample_aspect_ratio=said)) == 1
 
 
 def test_what_is_damaged_in_the_middle_is_left_out_and_what_is_damaged_much_is_refused(tmp_path):

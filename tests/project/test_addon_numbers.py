@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import ply_files
 import pytest
 from addon_models import MAPS, SHEAR, as_model
 from dataset_folders import transforms_folder
@@ -16,6 +17,7 @@ from mi_dogsplat.datasets.dataset import view_name
 from mi_dogsplat.datasets.refined import write_refined
 from mi_dogsplat.scene.drawing import Drawing, comments_of, drawing_of
 from mi_dogsplat.scene.linear_map import sh_projection
+from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.sh_basis import sh_basis_table
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
@@ -83,6 +85,17 @@ def test_the_srgb_curve_is_the_same(addon):
     step = 1e-6
     slope = (srgb.decoded(values + step) - srgb.decoded(values - step)) / (2 * step)
     np.testing.assert_allclose(srgb.decoded_slope(values), slope, rtol=1e-3)
+
+
+def test_opacities_of_zero_and_one_are_read_as_the_same(addon, tmp_path):
+    """Logits of ±∞ in the file."""
+    splats = ply_files.random_splats(dog_index=range(7))
+    splats.logit_opacities[:2] = splats.dog_logit_opacities[:2] = np.inf, -np.inf
+    columns = ply_files.vertex_columns(splats) | ply_files.dog_columns(splats)
+    path = ply_files.write(tmp_path, ply_files.to_bytes({"vertex": columns}))
+    read, expected = addon("files.ply").read_ply(path), read_ply(path)
+    np.testing.assert_array_equal(read.logit_opacities, expected.logit_opacities)
+    np.testing.assert_array_equal(read.dog_logit_opacities, expected.dog_logit_opacities)
 
 
 def test_the_add_on_offers_the_presets_of_the_package():

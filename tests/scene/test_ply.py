@@ -181,6 +181,19 @@ def test_a_place_that_cannot_be_written_is_one_clear_line(tmp_path):
     assert list(tmp_path.parent.glob(".*.part")) == []
 
 
+def test_opacities_of_zero_and_one_are_read_as_almost_that(tmp_path):
+    """Logits of ±∞, in either layout of DoG."""
+    splats = random_splats(dog_index=range(7))
+    splats.logit_opacities[:2] = splats.dog_logit_opacities[:2] = np.inf, -np.inf
+    rows = {"vertex": vertex_columns(splats), "dog": {"index": np.arange(7)} | dog_columns(splats)}
+    columns = {"vertex": vertex_columns(splats) | dog_columns(splats)}
+    for data in (to_bytes(rows, types={"index": "uint"}), to_bytes(columns)):
+        read = read_ply(write(tmp_path, data))
+        for opacities in (read.opacities, read.dog_opacities):
+            assert opacities[:2] == pytest.approx([1 - 1e-6, 1e-6], rel=0.1)
+        np.testing.assert_array_equal(read.logit_opacities[2:], splats.logit_opacities[2:])
+
+
 def test_values_that_are_not_finite_are_not_written(tmp_path):
     splats = random_splats()
     splats.log_scales[2, 1] = np.nan

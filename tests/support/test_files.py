@@ -47,3 +47,13 @@ def test_what_cannot_be_written_is_named_by_its_own_name(tmp_path, place):
     with pytest.raises(OSError) as caught, replacing(path):
         (tmp_path / "nothing").read_text()
     assert caught.value.filename == str(tmp_path / "nothing")
+
+
+def test_a_part_that_cannot_be_removed_does_not_hide_why_nothing_was_written(tmp_path, monkeypatch):
+    def refused(part, missing_ok):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(part))  # of a disk that is read-only
+
+    monkeypatch.setattr("pathlib.Path.unlink", refused)
+    with pytest.raises(OSError) as caught, replacing(tmp_path / "a.txt") as part:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(part))
+    assert caught.value.filename == str(tmp_path / "a.txt")

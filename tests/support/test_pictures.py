@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from contextlib import nullcontext
 from pathlib import Path
 
 import flip_evaluator
@@ -17,6 +16,11 @@ from PIL import Image
 def read_exr(path) -> dict[str, np.ndarray]:
     with OpenEXR.File(str(path), separate_channels=True) as file:
         return {name: channel.pixels.copy() for name, channel in file.channels().items()}
+
+
+def picture_for(write):
+    white = np.ones((2, 3, 3))
+    return white if write is pictures.write_png else {"color": white}
 
 
 def test_srgb_conversions_are_inverse_and_meet_known_values():
@@ -118,11 +122,19 @@ def test_channels_keep_their_type_and_values_however_they_lie_in_memory(tmp_path
 
 
 @pytest.mark.parametrize("write", [pictures.write_exr, pictures.write_png])
-def test_a_place_that_cannot_be_written_is_an_os_error_that_says_why(tmp_path, write, monkeypatch):
-    monkeypatch.setattr(pictures, "replacing", lambda path: nullcontext(tmp_path / "no" / "such" / "folder"))
+def test_a_place_that_cannot_be_written_is_an_os_error_that_says_why(tmp_path, write):
+    (tmp_path / "a").mkdir()
     with pytest.raises(OSError) as caught:
-        write(tmp_path / "a", np.ones((2, 3, 3)) if write is pictures.write_png else {"color": np.ones((2, 3, 3))})
-    assert caught.value.filename == str(tmp_path / "a") and caught.value.strerror == "No such file or directory"
+        write(tmp_path / "a", picture_for(write))
+    assert caught.value.filename == str(tmp_path / "a") and caught.value.strerror == "Is a directory"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a file system whose names are bytes, as Linux has it")
+@pytest.mark.parametrize("write", [pictures.write_exr, pictures.write_png])
+def test_a_path_may_be_other_than_utf_8(tmp_path, write):
+    write(tmp_path / "caf\udce9" / "a\udce9", picture_for(write))  # é of Latin-1, as Python has it
+    write(tmp_path / "a", picture_for(write))
+    assert (tmp_path / "caf\udce9" / "a\udce9").read_bytes() == (tmp_path / "a").read_bytes()
 
 
 def test_exr_names_the_layer_that_does_not_fit(tmp_path):

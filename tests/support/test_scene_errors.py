@@ -1,7 +1,10 @@
 """What Mitsuba and our plugins say about a scene is one line, without what Mitsuba wraps around it."""
 
+import sys
+
 import mitsuba as mi
 import pytest
+from mi_dogsplat.datasets.scene_file import has_splats, load_scene
 from mi_dogsplat.inspection.features import splat_scene
 from mi_dogsplat.render.render_files import render_scene
 from mi_dogsplat.support.errors import DataError
@@ -50,6 +53,14 @@ def test_so_does_looking_into_it(written):
     with pytest.raises(DataError) as caught:
         splat_scene(path)
     assert str(caught.value) == f"{path}: line 4: {LINE}"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a file system whose names are bytes, as Linux has it")
+@pytest.mark.parametrize("read", [splat_scene, has_splats, load_scene, lambda path: render_scene(path, "out.png")])
+def test_a_path_that_mitsuba_cannot_be_told_is_refused(written, read):
+    path = written().rename(written().with_name("caf\udce9.xml"))  # é of Latin-1, as Python has it
+    with pytest.raises(DataError, match=r"its path is not UTF-8, and Mitsuba reads no other; rename it"):
+        read(path)
 
 
 def test_the_node_of_a_dictionary_is_named_and_a_file_once(tmp_path):

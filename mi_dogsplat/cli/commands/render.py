@@ -67,9 +67,10 @@ def run(args: argparse.Namespace) -> None:
             if getattr(args, name) != getattr(PictureOptions(), name, None):
                 flag = f"--{name.replace('_', '-')}"
                 raise DataError(flag, "is for models: a scene says by itself what is drawn, and how", "leave it out")
-        # what Mitsuba renders in one piece lets no handler of Python begin: the signal ends it at once, without a line
-        with signals_to(signal.SIG_DFL, signal.SIGTERM), _bar() as bar:
-            render_scene(args.model, args.out, args.spp, bar.show if bar else None)
+        # what Mitsuba renders in one piece lets no handler of Python begin: signals end it at once, without a line
+        drawing = signals_to(signal.SIG_DFL, signal.SIGINT, signal.SIGTERM)
+        with _bar() as bar:
+            render_scene(args.model, args.out, args.spp, bar.show if bar else None, drawing)
     else:
         if args.spp:
             raise DataError("--spp", "a model alone is drawn with one sample", "make a scene .xml for more")
