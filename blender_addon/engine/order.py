@@ -178,7 +178,7 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
     found = _Splats()
     for obj, matrix, owner in placed_splats(depsgraph, lambda owner: owner.name_full not in hidden):
         model = placed_model(obj, depsgraph, np.eye(4))
-        if drawing := drawing_of(obj):
+        if drawing := drawing_of(obj.evaluated_get(depsgraph)):  # with the keys of this frame
             model = model.with_degree(min(drawing["SH Degree"], model.sh_degree))
             model.is_dog = model.is_dog & bool(drawing["DoG"])
             found.near.append(drawing["Near Clip"])
@@ -188,7 +188,7 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
         found.matrices.append(matrix)
         found.names.append(obj.name)
         found.notes += [note for note in converted_notes([obj]) if note not in found.notes]
-        found.masks.append(mask_of(owner, obj, depsgraph.view_layer))
+        found.masks.append(mask_of(owner, obj, depsgraph))
     return found
 
 
