@@ -39,11 +39,17 @@ VARIABLES = {  # path from the scene, and the value where the scene has no camer
 
 
 def add_modifier(obj: bpy.types.Object) -> bpy.types.Modifier:
-    """Give an object, whose light is known, the splat modifier with its drivers."""
+    """Give an object, whose light is known, the splat modifier with its drivers.
+
+    Cycles is told to blur no deformation: it would do so from a quad to the one that is drawn in its turn at another
+    time of the shutter, which is another splat's. What a moving camera or object blurs stays.
+    """
     modifier = obj.modifiers.new(NAME, "NODES")
     modifier.node_group = splat_tree(space_of(obj))
     for name, expression in EXPRESSIONS.items():
         _drive(*input_property(modifier, name), expression)
+    if hasattr(obj, "cycles"):
+        obj.cycles.use_deform_motion = False
     return modifier
 
 
