@@ -12,7 +12,7 @@ from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_comments, read_ply
 from blender_addon.files.said import Said, said_in
 from blender_addon.files.sh import C0, sh_basis
-from blender_addon.nodes.modifier import set_input, splat_modifier
+from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 
 
 def test_an_untouched_model_comes_back_byte_for_byte(model, tmp_path):
@@ -51,6 +51,16 @@ def test_how_a_model_is_drawn_now_is_what_the_export_says(scene, model, tmp_path
     obj.select_set(True)
     bpy.context.view_layer.objects.active = obj
     assert said(tmp_path / "out.ply") == Said(True, 0.15, False, (0, -1, 0), 2.0)
+
+
+def test_the_near_clip_of_a_file_that_says_none_has_the_scale_of_the_import(scene, model, tmp_path):
+    """So it is said where the units that are written are others, and not in those of the file."""
+    obj = load(model, scale=0.01)
+    assert get_input(splat_modifier(obj), "Near Clip") == pytest.approx(0.002)
+    assert said(tmp_path / "out.ply") == Said()
+    assert said(tmp_path / "out.ply", space="WORLD").near_clip == pytest.approx(0.002)
+    set_input(splat_modifier(obj), "Near Clip", 0.2)
+    assert said(tmp_path / "out.ply").near_clip == pytest.approx(20)
 
 
 def said(path, **options):
