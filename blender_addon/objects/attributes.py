@@ -75,9 +75,20 @@ def put_columns(geometry: Geometry, model: Model, base_kind: str) -> None:
 
 def importance_ranks(model: Model) -> np.ndarray:
     """[N] in [0, 1): the share of the primitives that are more important."""
-    ranks = np.empty(model.n_splats, np.float32)
-    ranks[np.argsort(-importance(model), kind="stable")] = np.arange(model.n_splats) / max(model.n_splats, 1)
-    return ranks
+    return _shares_before(-importance(model))
+
+
+def spread_ranks(mesh: bpy.types.Mesh) -> None:
+    """Give what is left of a model ranks from 0 on again, in its order, so that a share is a share of what is left."""
+    if RANK in mesh.attributes:
+        put_column(mesh, RANK, _shares_before(get_column(mesh, RANK, 1)[:, 0]))
+
+
+def _shares_before(values: np.ndarray) -> np.ndarray:
+    """[N] in [0, 1): the share of the N values that come before each, the smallest first."""
+    shares = np.empty(len(values), np.float32)
+    shares[np.argsort(values, kind="stable")] = np.arange(len(values)) / max(len(values), 1)
+    return shares
 
 
 def is_splats(obj: bpy.types.Object | None) -> bool:
