@@ -89,3 +89,19 @@ def test_motions_are_found_in_any_order_of_what_was_joined():
         key = tuple(np.round(matrix, 3).ravel())
         found.setdefault(key, []).extend(rows.tolist())
     assert {tuple(sorted(rows)) for rows in found.values()} == {tuple(range(a, b)) for a, b in pieces}
+
+
+@pytest.mark.parametrize("sizes", [(300, 40, 12, 90, 8), (8, 20, 30), (500, 100, 700, 66), (9, 2000, 11)])
+def test_motions_of_small_objects_are_found_beside_others(sizes):
+    """The first object stays where it was, as the active one of a join does."""
+    rng = np.random.default_rng(1)
+    before = rng.normal(size=(sum(sizes), 3)).astype(np.float32)
+    after, objects = before.copy(), np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])
+    for k, rows in enumerate(objects[1:], start=1):
+        m = np.array(Matrix.Translation((k, 2, -k)) @ Matrix.Rotation(k, 4, (1, k, 2)) @ Matrix.Scale(1 / k, 4))
+        after[rows] = before[rows] @ m[:3, :3].T + m[:3, 3]
+    found = motions(before, after)
+    assert sorted(np.concatenate([rows for rows, _ in found])) == list(range(sizes[0], sum(sizes)))
+    for rows, matrix in found:
+        assert np.abs(before[rows] @ matrix[:3, :3].T + matrix[:3, 3] - after[rows]).max() < 1e-4
+        assert len({k for k, of in enumerate(objects) if np.isin(rows, of).any()}) == 1
