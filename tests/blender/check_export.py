@@ -1,5 +1,7 @@
 """Export: the very bits of what nobody touched, and edits that arrive."""
 
+import os
+
 import bpy
 import numpy as np
 import pytest
@@ -179,3 +181,23 @@ def test_a_place_that_cannot_be_written_is_said(model, tmp_path):
     load(model)
     with pytest.raises(RuntimeError, match="nowhere.*cannot be written"):
         export(tmp_path / "nowhere" / "out.ply")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_files_have_the_permissions_of_new_files_and_keep_their_own(model, tmp_path):
+    load(model)
+    path, before = tmp_path / "out.ply", os.umask(0o027)
+    try:
+        export(path)
+        assert path.stat().st_mode & 0o777 == 0o640
+        path.chmod(0o664)
+        export(path)
+        assert path.stat().st_mode & 0o777 == 0o664
+    finally:
+        os.umask(before)
+
+
+def test_a_name_may_be_as_long_as_names_can_be(model, tmp_path):
+    load(model)
+    export(tmp_path / f"{'ä' * 125}.ply")
+    assert [len(os.fsencode(path.name)) for path in tmp_path.iterdir()] == [254]
