@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from blender_pictures import picture
 from model_files import load
 from references import place_camera
 from surroundings import GREY, background, body, material, plane
@@ -20,8 +21,8 @@ def frames(scene, monkeypatch, folder) -> list[SimpleNamespace]:
     """The orders of two frames, and what their pictures show where nothing is before the world."""
     found, values = [], render_engine.passes.values
 
-    def show(order, picture, world_scene):
-        made = values(order, picture, world_scene)
+    def show(order, *given):
+        made = values(order, *given)
         found.append(SimpleNamespace(order=order, corner=made["Combined"][0, 0].tolist()))
         return made
 
@@ -91,3 +92,30 @@ def test_the_world_of_a_whole_scene(scene, monkeypatch, tmp_path):
         for frame in frames(scene, monkeypatch, tmp_path)
     )
     assert second == pytest.approx([2 * value for value in first])
+
+
+@pytest.mark.parametrize("flat", [(0, 0, 0), (1, 1, 0)])
+def test_a_model_that_grows_from_nothing(scene, monkeypatch, tmp_path, model, flat):
+    """Its first frame has none of its splats, and says so; another model is there in both."""
+    place_camera(scene, "dog")
+    growing, other = load(model), load(model)
+    key(growing, "scale", flat, (1, 1, 1))
+    first, second = (frame.order for frame in frames(scene, monkeypatch, tmp_path))
+    number = first.objects.index(growing.name)
+    assert first.request["counts"][number] == 0 and first.request["counts"][1 - number] == 150
+    assert second.request["counts"] == [150, 150] and first.objects == second.objects
+    assert first.notes == [f'"{growing.name}": its splats are left out, as it is scaled to nothing along an axis']
+    assert second.notes == [] and other.name in first.objects
+
+
+@pytest.mark.parametrize("bodies", [False, True])
+def test_a_scene_whose_only_splats_are_scaled_to_nothing_is_drawn(scene, by_command, tmp_path, model, bodies):
+    """By the package: black, or the bodies alone."""
+    place_camera(scene, "dog")
+    obj = load(model)
+    if bodies:
+        body(plane(5), material("ShaderNodeEmission", Color=GREY))
+    obj.scale = 0, 0, 0
+    scene.dogsplat.samples = 4
+    found = picture(scene, render_engine.ENGINE, tmp_path)
+    assert found.max() == (pytest.approx(0.5, abs=0.01) if bodies else 0)
