@@ -112,6 +112,14 @@ def get_input(modifier: bpy.types.Modifier, name: str) -> Any:
     return MENUS[name][value] if isinstance(value, int) and name in MENUS else value
 
 
+def scale_limits(obj: bpy.types.Object, factor: float) -> None:
+    """Let limits on sizes, which are in units of the object, leave the same splats that are scaled by a factor."""
+    for modifier in edit_modifiers(obj, LIMITS):
+        for name in ("Minimum Size", "Maximum Size"):
+            set_input(modifier, name, get_input(modifier, name) * factor)
+    obj.update_tag()
+
+
 def _drive(owner: Any, key: str, expression: str) -> None:
     driver = owner.driver_add(key).driver
     driver.type = "SCRIPTED"

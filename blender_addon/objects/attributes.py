@@ -44,7 +44,7 @@ OF_GROUPS = {  # where any splat has rows of the group: the attribute that is 1 
 RAW_LOGITS = "dog:raw_logits"  # logit opacity, logit of the opacity factor, 0
 RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:raw_factor"
 NATIVE_SCALE, NATIVE_OPACITY = "dog:native_scale", "dog:native_opacity"  # as baked: how edits of them are noticed
-RAW_POSITION = "dog:raw_position"  # where the splat's other attributes were right; see ``following.py``
+RAW_POSITION = "dog:raw_position"  # where the splat's other attributes were right; see ``editing/following.py``
 RANK = "dog:rank"  # 0 for the most important splat, below 1 for the least, so that a share is a prefix
 ERASE, TINT, PAINT_INDEX = "Erase", "Tint", "paint:index"  # painted; which part of the stand-in is the splat's
 
