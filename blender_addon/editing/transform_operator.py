@@ -70,7 +70,16 @@ def _depth(obj: bpy.types.Object) -> int:
 
 
 def _moved(obj: bpy.types.Object) -> Model:
-    """The splats of an object in the space of the world. Raises ``ValueError`` that names it."""
+    """The splats of an object in the space of the world.
+
+    Raises ``ValueError`` that names it, also where it would not stay where it is put, or its splats would not.
+    """
+    if any(not constraint.mute for constraint in obj.constraints):
+        problem = '"{name}": its constraints would move it once more; apply or mute them first'
+        raise ValueError(told(problem, name=obj.name))
+    if obj.data.shape_keys is not None:
+        problem = '"{name}": its shape keys would take its splats back; apply all of them first'
+        raise ValueError(told(problem, name=obj.name))
     try:
         return transformed(read_attributes(obj.data), np.array(obj.matrix_world, np.float64))
     except ValueError as error:
