@@ -1,5 +1,6 @@
 """Crop objects of unusual places: mirrored, beside mirrored models, flat, or of no size at all."""
 
+import bpy
 import numpy as np
 import pytest
 from edits import cropped, local, shown
@@ -32,6 +33,17 @@ def test_nothing_is_inside_of_a_crop_without_room(model, shape, scale, invert):
     _, target = cropped(obj, shape, invert=invert)
     target.scale = scale
     assert shown(obj).n_splats == (len(obj.data.vertices) if invert else 0)
+
+
+@pytest.mark.parametrize("shape", ["BOX", "SPHERE", "MESH"])
+def test_a_model_without_splats_gets_a_crop_as_any_other(model, shape):
+    obj = load(model)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.mesh.delete(type="VERT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    _, target = cropped(obj, shape)
+    assert shown(obj).n_splats == 0 and min(target.scale) > 0.1
 
 
 def small(obj) -> np.ndarray:
