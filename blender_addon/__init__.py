@@ -7,14 +7,13 @@ import bpy
 from . import panel, preferences, render_engine, translations
 from .cameras import operators as camera_operators
 from .cameras import path_import_operator, path_operator
-from .editing import apply_operator, join_operator, live_operators, paint_operators, transform_operator
+from .editing import apply_operator, following, join_operator, live_operators, paint_operators, transform_operator
 from .engine import exact_settings
 from .engine import panels as engine_panels
 from .engine import settings as engine_settings
 from .import_export import export_operators, import_operator
 from .native import operators as native_operators
 from .nodes import suited
-from .objects import following
 from .package import renderers
 from .scene import written_images
 from .training import deleted, render_operator, rig_operator, train_operator

@@ -42,7 +42,7 @@ class DogSplatEngine(bpy.types.RenderEngine):
 
     def _render_view(self, depsgraph: bpy.types.Depsgraph, view: str, done: float, share: float) -> None:
         """Render one of the views of a view layer, which is this share of the work. Raises as ``render`` catches."""
-        scene, layer = depsgraph.scene, depsgraph.view_layer_eval
+        scene, layer = depsgraph.scene_eval, depsgraph.view_layer_eval
         renderer = choose_renderer(command_of(bpy.context))
         self.update_stats("", iface_("sending the scene"))
         order = make_order(depsgraph, renderer.folder, passes.wanted(layer), *self._camera_of(view))

@@ -8,7 +8,7 @@ from ..evaluated.edited import edited_mesh
 from ..files.errors import told
 from ..nodes.modifier import edit_modifiers, get_input, splat_modifier
 from ..nodes.paint import NAME as PAINT
-from ..objects.attributes import ERASE, TINT
+from ..objects.attributes import ERASE, TINT, spread_ranks
 from .stand_in import check_painting, keep_painted
 
 
@@ -24,6 +24,7 @@ def applied_mesh(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.t
         raise ValueError(told('"{name}": no splat is left; open its crop or its limits', name=obj.name))
     keep_painted(obj, mesh)
     _forget_applied(obj, mesh)
+    spread_ranks(mesh)
     return mesh
 
 

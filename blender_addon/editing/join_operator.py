@@ -9,8 +9,8 @@ from ..files.errors import told
 from ..files.linear_map import check_regular
 from ..objects.attributes import can_edit
 from ..objects.conventions import DOG_COUNT, light_of
-from ..objects.following import follow_vertices
 from .apply_operator import apply_edits
+from .following import follow_vertices
 
 
 class DOGSPLAT_OT_join(bpy.types.Operator):

@@ -71,7 +71,10 @@ def _crop_object(obj: bpy.types.Object, shape: str) -> bpy.types.Object:
     else:
         target = bpy.data.objects.new(name, None)
         target.empty_display_type, target.empty_display_size = {"BOX": "CUBE", "SPHERE": "SPHERE"}[shape], 1.0
-    low, high = np.quantile(get_column(obj.data, "position", 3), [(1 - SHARE) / 2, (1 + SHARE) / 2], axis=0)
+    positions = get_column(obj.data, "position", 3)
+    if not len(positions):  # a model that is not there any more, but for its object
+        positions = np.array([(-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)])
+    low, high = np.quantile(positions, [(1 - SHARE) / 2, (1 + SHARE) / 2], axis=0)
     half = np.maximum((high - low) / 2, 1e-6)
     if shape == "SPHERE":
         half[:] = np.linalg.norm(half)

@@ -9,8 +9,7 @@ from mathutils import Matrix
 from ..files.errors import told
 from ..files.model import Model
 from ..files.transform import mean_scale, transformed
-from ..nodes.limits import NAME as LIMITS
-from ..nodes.modifier import edit_modifiers, get_input, set_input
+from ..nodes.modifier import scale_limits
 from ..objects.attributes import can_edit, own_data, read_attributes, write_attributes
 from .stand_in import check_painting, finish_painting
 
@@ -44,11 +43,7 @@ class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
         for obj, model in zip(objects, models, strict=True):
             own_data(obj)
             write_attributes(obj.data, model)
-            scale = mean_scale(np.array(obj.matrix_world, np.float64)[:3, :3])
-            for modifier in edit_modifiers(obj, LIMITS):  # sizes are those of the object's space
-                for name in ("Minimum Size", "Maximum Size"):
-                    set_input(modifier, name, get_input(modifier, name) * scale)
-            obj.update_tag()
+            scale_limits(obj, mean_scale(np.array(obj.matrix_world, np.float64)[:3, :3]))
         for obj in sorted(places, key=_depth):  # whom a matrix is relative to comes first
             _place(context, obj, places[obj])
         return {"FINISHED"}
@@ -75,7 +70,16 @@ def _depth(obj: bpy.types.Object) -> int:
 
 
 def _moved(obj: bpy.types.Object) -> Model:
-    """The splats of an object in the space of the world. Raises ``ValueError`` that names it."""
+    """The splats of an object in the space of the world.
+
+    Raises ``ValueError`` that names it, also where it would not stay where it is put, or its splats would not.
+    """
+    if any(not constraint.mute for constraint in obj.constraints):
+        problem = '"{name}": its constraints would move it once more; apply or mute them first'
+        raise ValueError(told(problem, name=obj.name))
+    if obj.data.shape_keys is not None:
+        problem = '"{name}": its shape keys would take its splats back; apply all of them first'
+        raise ValueError(told(problem, name=obj.name))
     try:
         return transformed(read_attributes(obj.data), np.array(obj.matrix_world, np.float64))
     except ValueError as error:

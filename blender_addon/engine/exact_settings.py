@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import IntProperty
 
+from ..evaluated.placed import objects_in
 from ..files.errors import told
 from ..nodes.modifier import get_input, set_input, splat_modifier
 
@@ -41,7 +42,7 @@ class DOGSPLAT_OT_exact_settings(bpy.types.Operator):
             cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = self.samples, False, False
             cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
             cycles.transparent_max_bounces = cycles.min_transparent_bounces = MAX_SPLATS_PER_RAY
-        models = [(obj, modifier) for obj in scene.objects if (modifier := splat_modifier(obj))]
+        models = [(obj, modifier) for obj in objects_in(scene) if (modifier := splat_modifier(obj))]
         for obj, modifier in models:
             if obj.library is None:  # of a linked one, nothing would be saved
                 set_input(modifier, "Linear Colors", False)

@@ -17,6 +17,7 @@ from ..evaluated.masks import mask_of, numbered
 from ..evaluated.placed import copied_drawings, moved_model, placed_model, placed_splats
 from ..files.errors import told
 from ..files.light import Light, in_common_light
+from ..files.linear_map import flattens
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
 from ..files.said import Said
@@ -30,6 +31,7 @@ from ..scene.write import has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 COPIED = '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing'
+FLAT = '"{name}": its splats are left out, as it is scaled to nothing along an axis'
 
 
 class StageSettings(NamedTuple):
@@ -178,17 +180,21 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
     found = _Splats()
     for obj, matrix, owner in placed_splats(depsgraph, lambda owner: owner.name_full not in hidden):
         model = placed_model(obj, depsgraph, np.eye(4))
-        if drawing := drawing_of(obj):
+        if drawing := drawing_of(obj.evaluated_get(depsgraph)):  # with the keys of this frame
             model = model.with_degree(min(drawing["SH Degree"], model.sh_degree))
             model.is_dog = model.is_dog & bool(drawing["DoG"])
             found.near.append(drawing["Near Clip"])
             found.antialiased |= bool(drawing["Antialiased"])
+        notes = converted_notes([obj])
+        if flattens(matrix[:3, :3]):  # what grows from nothing begins so, and must not stop an animation
+            notes.append(told(FLAT, name=obj.name))
+            model, matrix = model.select(np.zeros(0, int)), np.eye(4)
         found.models.append(model)
         found.lights.append(light_of(obj))
         found.matrices.append(matrix)
         found.names.append(obj.name)
-        found.notes += [note for note in converted_notes([obj]) if note not in found.notes]
-        found.masks.append(mask_of(owner, obj, depsgraph.view_layer))
+        found.notes += [note for note in notes if note not in found.notes]
+        found.masks.append(mask_of(owner, obj, depsgraph))
     return found
 
 

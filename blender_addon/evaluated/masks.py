@@ -10,8 +10,12 @@ HOLDOUT, INDIRECT_ONLY = "holdout", "indirect_only"  # as requests call them; wh
 UNSEEN = ("LIGHT", "CAMERA", "LIGHT_PROBE", "SPEAKER")  # kinds of objects that cameras never see
 
 
-def mask_of(owner: bpy.types.Object, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> str:
-    """One of the above, or nothing. ``owner``: the original object, or that which makes the instance ``obj``."""
+def mask_of(owner: bpy.types.Object, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> str:
+    """One of the above, or nothing. ``owner``: the original object, or that which makes the instance ``obj``.
+
+    Keys count as they are in the frame, which in Render Animation only the evaluated objects know.
+    """
+    owner, obj, layer = owner.evaluated_get(depsgraph), obj.evaluated_get(depsgraph), depsgraph.view_layer_eval
     if not (owner.visible_camera and obj.visible_camera):
         return INDIRECT_ONLY
     if owner.holdout_get(view_layer=layer):
@@ -21,8 +25,8 @@ def mask_of(owner: bpy.types.Object, obj: bpy.types.Object, layer: bpy.types.Vie
 
 def masks_in(depsgraph: bpy.types.Depsgraph) -> frozenset[tuple[str, str]]:
     """(full name, mask) of the objects that have one."""
-    layer, originals = depsgraph.view_layer, [obj.original for obj in depsgraph.objects]
-    return frozenset((obj.name_full, mask) for obj in originals if (mask := mask_of(obj, obj, layer)))
+    originals = [obj.original for obj in depsgraph.objects]
+    return frozenset((obj.name_full, mask) for obj in originals if (mask := mask_of(obj, obj, depsgraph)))
 
 
 def numbered(masks: Iterable[str]) -> dict[str, list[int]]:

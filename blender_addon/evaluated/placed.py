@@ -23,6 +23,19 @@ def holds_splats(obj: bpy.types.Object) -> bool:
     return has_splats(obj)
 
 
+def objects_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The objects of a scene, then those that are there only as instances of collections, or of those in these."""
+    found = dict.fromkeys(scene.objects)
+    waiting = list(found)
+    while waiting:
+        obj = waiting.pop()
+        if obj.instance_type == "COLLECTION" and obj.instance_collection is not None:
+            new = [inner for inner in obj.instance_collection.all_objects if inner not in found]
+            found |= dict.fromkeys(new)
+            waiting += new
+    return list(found)
+
+
 def placed_splats(
     depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.Object], bool] = lambda obj: True
 ) -> Iterator[tuple[bpy.types.Object, np.ndarray, bpy.types.Object]]:

@@ -22,10 +22,15 @@ LEAST = 1e-36  # scale that is told from nothing
 FLATTEST = 1e-7  # smallest over largest singular value of a map that can be undone in float32
 
 
+def flattens(linear: NDArray) -> bool:
+    """Whether a [3, 3] map leaves a plane, a line or a point."""
+    sizes = np.linalg.svd(linear, compute_uv=False)
+    return not sizes[-1] > FLATTEST * sizes[0]
+
+
 def check_regular(linear: NDArray) -> None:
     """Raise ``ValueError`` for a [3, 3] map that flattens."""
-    sizes = np.linalg.svd(linear, compute_uv=False)
-    if not sizes[-1] > FLATTEST * sizes[0]:
+    if flattens(linear):
         raise ValueError("splats cannot be flattened, but this object is scaled to nothing along an axis")
 
 

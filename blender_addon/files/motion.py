@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 FEWEST = 4  # points that a turn is read from
 FEWEST_STRETCHED = 8  # points that any other linear transform is read from: four fit one whatever they do
 SMALLEST_PIECE = 64  # rows that are halved no further
+LONGEST_RUN = 8 * SMALLEST_PIECE  # rows that may be of small objects alone
 TOLERANCE = 1e-5  # of the extent: what Blender's float32 leaves
 ROUNDING = 4 * np.finfo(np.float32).eps  # of the coordinates: moved there and back
 
@@ -25,13 +26,18 @@ def motions(before: NDArray, after: NDArray) -> list[tuple[Rows, NDArray[np.floa
     moved = np.flatnonzero((before != after).any(axis=1))
     if not len(moved):
         return []
-    whole = motion(before, after)
-    groups = [(everything, whole)] if whole is not None else _halved(before, after, moved)
-    alone = np.setdiff1d(moved, np.concatenate([rows for rows, _ in groups])) if groups else moved
-    for rows, matrix in list(groups):  # those beside a border between two objects
-        near = alone[_misses(before[alone], after[alone], matrix) <= TOLERANCE * _extent(after[rows])]
-        groups.append((near, matrix))
-        alone = np.setdiff1d(alone, near)
+    if (whole := motion(before, after)) is not None:
+        return [(everything, whole)]
+    groups: list[tuple[Rows, NDArray[np.float64]]] = []
+    alone, found = moved, _halved(before, after, moved) or _in_short_runs(before, after, moved)
+    while found:
+        groups += found
+        alone = np.setdiff1d(alone, np.concatenate([rows for rows, _ in found]))
+        for rows, matrix in found:  # those beside a border between two objects
+            near = alone[_misses(before[alone], after[alone], matrix) <= TOLERANCE * _extent(after[rows])]
+            groups.append((near, matrix))
+            alone = np.setdiff1d(alone, near)
+        found = _in_short_runs(before, after, alone)
     return [(rows, matrix) for rows, matrix in groups if len(rows)]
 
 
@@ -95,6 +101,18 @@ def _halved(before: NDArray, after: NDArray, rows: Rows) -> list[tuple[Rows, NDA
         return []
     middle = len(rows) // 2
     return _halved(before, after, rows[:middle]) + _halved(before, after, rows[middle:])
+
+
+def _in_short_runs(before: NDArray, after: NDArray, rows: Rows) -> list[tuple[Rows, NDArray[np.float64]]]:
+    """Groups among rows that follow each other, of objects too small for a half of their own: by their first rows.
+
+    Long runs hold no object: they were edited splat by splat, and looking again would only take time.
+    """
+    found = []
+    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+        if FEWEST <= len(run) < LONGEST_RUN:
+            found += _halved(before, after, run) or _halved(before, after, run[:FEWEST_STRETCHED])
+    return found
 
 
 def _misses(before: NDArray, after: NDArray, matrix: NDArray) -> NDArray[np.float64]:

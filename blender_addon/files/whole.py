@@ -1,24 +1,35 @@
-"""Files that are written whole or not at all, and removed or complained of."""
+"""Files that are written whole or not at all, and removed or complained of.
+
+Written as ``mi_dogsplat.support.files`` does: a copy on purpose, as the add-on runs without the package.
+"""
 
 from __future__ import annotations
 
 import os
-import tempfile
+import shutil
+import uuid
+from contextlib import suppress
 from pathlib import Path
 
 from .errors import FileError
 
 
 def write_whole(path: Path, parts: list[bytes]) -> None:
-    """Make ``parts`` the content of ``path``, or leave everything as it was. Raises ``FileError``."""
+    """Make ``parts`` the content of ``path``, or leave everything as it was. Raises ``FileError``.
+
+    A new file has the permissions of any other new one, an old one keeps its own.
+    """
+    # Short: names have at most 255 bytes
+    temporary = path.parent / f".{path.name[:40]}.{uuid.uuid4().hex[:12]}.part"
     try:
-        handle, temporary = tempfile.mkstemp(".part", f".{path.name}.", path.parent)
         try:
-            with os.fdopen(handle, "wb") as file:
+            with temporary.open("xb") as file:
                 file.writelines(parts)
+            with suppress(OSError):  # of a new file, and where a disk knows no permissions
+                shutil.copymode(path, temporary)
             os.replace(temporary, path)
         finally:
-            Path(temporary).unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
     except OSError as error:
         remedy = "check that the folder exists, is writable and has space"
         raise FileError(path, "cannot be written ({reason})", remedy, reason=error.strerror) from error

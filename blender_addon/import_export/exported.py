@@ -40,7 +40,7 @@ def _near_clip(obj: bpy.types.Object, factor: float) -> float | None:
     said, now = said_of(obj).near_clip, drawing_of(obj).get("Near Clip")
     if now is None:
         return said
-    if said is None and math.isclose(now, NEAR_CLIP, rel_tol=1e-6):
+    if said is None and math.isclose(now * factor, NEAR_CLIP, rel_tol=1e-6):
         return None
     number = float(f"{now * factor:.6g}")
     return said if said is not None and math.isclose(number, said, rel_tol=1e-5) else number

@@ -23,6 +23,7 @@ from ..files.said import Said
 from ..native.bake import baked
 from ..native.convert import native_object, replace_object
 from ..nodes.modifier import add_modifier, set_input
+from ..nodes.tree import NEAR_CLIP
 from ..objects.attributes import write_attributes
 from ..objects.conventions import DOG_COUNT, UP_AXES, conversion, metres_of_unit, remember, remember_said
 from ..objects.feature import is_available
@@ -164,8 +165,8 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         set_input(modifier, "DoG", self.use_dog)
         set_input(modifier, "Linear Colors", self.color_mode == "LINEAR" and not said.linear)
         set_input(modifier, "Antialiased", self._choice("antialiased", said.antialiased))
-        if said.near_clip is not None:
-            set_input(modifier, "Near Clip", said.near_clip * scale)
+        near = NEAR_CLIP if said.near_clip is None else said.near_clip
+        set_input(modifier, "Near Clip", near * scale)
         return obj
 
     def _choice(self, name: str, said: Any) -> Any:

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from .builder import Tree, Value, wrap
+from .builder import Tree, Value, Vector, wrap
 
 
 def store(tree: Tree, geometry: Any, name: Any, value: Any, kind: str = "FLOAT_VECTOR", where: Any = None) -> Any:
@@ -84,10 +84,22 @@ def has_attribute(tree: Tree, geometry: Any, name: Any, kind: str = "FLOAT_VECTO
 
 
 def has_object(info: bpy.types.Node) -> Any:
-    """Field of an Object Info node: true where an object is chosen. Without one all of its outputs are zero."""
+    """Field of an Object Info node: 1 where an object is chosen, even one that is scaled to nothing.
+
+    Without one the scale is zero and the transform the identity.
+    """
     tree = Tree(info.id_data)
-    scale = wrap(tree, info.outputs["Scale"])
-    return scale.dot(scale) > 0.0
+    scale, axis = wrap(tree, info.outputs["Scale"]), direction_of(info, (1.0, 0.0, 0.0))
+    return tree.math("MAXIMUM", scale.dot(scale) > 0.0, axis.dot(axis) < 0.5)
+
+
+def direction_of(info: bpy.types.Node, direction: tuple[float, float, float]) -> Vector:
+    """A direction in the space of the object of an Object Info node, in that of the one that has the modifier."""
+    tree = Tree(info.id_data)
+    moved = tree.node("FunctionNodeTransformDirection")
+    tree.plug(moved.inputs["Direction"], direction)
+    tree.plug(moved.inputs["Transform"], info.outputs["Transform"])
+    return Vector(tree, moved.outputs[0])
 
 
 def describe(group: bpy.types.NodeTree, settings: dict[str, dict[str, Any]], hidden: tuple[str, ...] = ()) -> None:

@@ -39,11 +39,17 @@ VARIABLES = {  # path from the scene, and the value where the scene has no camer
 
 
 def add_modifier(obj: bpy.types.Object) -> bpy.types.Modifier:
-    """Give an object, whose light is known, the splat modifier with its drivers."""
+    """Give an object, whose light is known, the splat modifier with its drivers.
+
+    Cycles is told to blur no deformation: it would do so from a quad to the one that is drawn in its turn at another
+    time of the shutter, which is another splat's. What a moving camera or object blurs stays.
+    """
     modifier = obj.modifiers.new(NAME, "NODES")
     modifier.node_group = splat_tree(space_of(obj))
     for name, expression in EXPRESSIONS.items():
         _drive(*input_property(modifier, name), expression)
+    if hasattr(obj, "cycles"):
+        obj.cycles.use_deform_motion = False
     return modifier
 
 
@@ -104,6 +110,14 @@ def get_input(modifier: bpy.types.Modifier, name: str) -> Any:
     owner, key = input_property(modifier, name)
     value = owner.path_resolve(key)
     return MENUS[name][value] if isinstance(value, int) and name in MENUS else value
+
+
+def scale_limits(obj: bpy.types.Object, factor: float) -> None:
+    """Let limits on sizes, which are in units of the object, leave the same splats that are scaled by a factor."""
+    for modifier in edit_modifiers(obj, LIMITS):
+        for name in ("Minimum Size", "Maximum Size"):
+            set_input(modifier, name, get_input(modifier, name) * factor)
+    obj.update_tag()
 
 
 def _drive(owner: Any, key: str, expression: str) -> None:

@@ -32,7 +32,7 @@ SHOW = ("Automatic", "Quads", "Ellipsoids", "Points")
 CAMERA_INPUTS = ("Focal X", "Focal Y", "Center X", "Center Y", "Width", "Height")  # driven, pixels
 VIEW_INPUTS = ("Moving Share", "Moving Points", "View", "View Location", "View Rotation", "View Focal", "View Center",
                "View Size")  # fmt: skip
-NEAR_CLIP = 0.2  # of models whose files say nothing
+NEAR_CLIP = 0.2  # in units of the file, of models whose files say nothing
 INPUTS = {
     "Geometry": "NodeSocketGeometry", "Show As": "NodeSocketMenu", "SH Degree": "NodeSocketInt",
     "DoG": "NodeSocketBool", "Linear Colors": "NodeSocketBool", "Antialiased": "NodeSocketBool",

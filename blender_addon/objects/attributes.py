@@ -44,7 +44,7 @@ OF_GROUPS = {  # where any splat has rows of the group: the attribute that is 1 
 RAW_LOGITS = "dog:raw_logits"  # logit opacity, logit of the opacity factor, 0
 RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:raw_factor"
 NATIVE_SCALE, NATIVE_OPACITY = "dog:native_scale", "dog:native_opacity"  # as baked: how edits of them are noticed
-RAW_POSITION = "dog:raw_position"  # where the splat's other attributes were right; see ``following.py``
+RAW_POSITION = "dog:raw_position"  # where the splat's other attributes were right; see ``editing/following.py``
 RANK = "dog:rank"  # 0 for the most important splat, below 1 for the least, so that a share is a prefix
 ERASE, TINT, PAINT_INDEX = "Erase", "Tint", "paint:index"  # painted; which part of the stand-in is the splat's
 
@@ -75,9 +75,20 @@ def put_columns(geometry: Geometry, model: Model, base_kind: str) -> None:
 
 def importance_ranks(model: Model) -> np.ndarray:
     """[N] in [0, 1): the share of the primitives that are more important."""
-    ranks = np.empty(model.n_splats, np.float32)
-    ranks[np.argsort(-importance(model), kind="stable")] = np.arange(model.n_splats) / max(model.n_splats, 1)
-    return ranks
+    return _shares_before(-importance(model))
+
+
+def spread_ranks(mesh: bpy.types.Mesh) -> None:
+    """Give what is left of a model ranks from 0 on again, in its order, so that a share is a share of what is left."""
+    if RANK in mesh.attributes:
+        put_column(mesh, RANK, _shares_before(get_column(mesh, RANK, 1)[:, 0]))
+
+
+def _shares_before(values: np.ndarray) -> np.ndarray:
+    """[N] in [0, 1): the share of the N values that come before each, the smallest first."""
+    shares = np.empty(len(values), np.float32)
+    shares[np.argsort(values, kind="stable")] = np.arange(len(values)) / max(len(values), 1)
+    return shares
 
 
 def is_splats(obj: bpy.types.Object | None) -> bool:

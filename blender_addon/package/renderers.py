@@ -7,6 +7,7 @@ frames that follow: it has loaded Mitsuba and compiled its kernels, and its fold
 from __future__ import annotations
 
 import importlib.util
+import os
 import shlex
 import shutil
 import subprocess
@@ -216,9 +217,9 @@ def close_renderers() -> None:
 
 def _split(command: str) -> tuple[str, ...]:
     """A file, whose name may hold spaces, or words, which may stand in quotes; none where a quote is not closed."""
-    whole = Path(command).expanduser()
-    if whole.is_file():
-        return (str(whole),)
+    whole = os.path.expanduser(command)
+    if Path(whole).is_file():
+        return (whole,)
     try:
         if sys.platform != "win32":
             return tuple(shlex.split(command))
@@ -237,9 +238,10 @@ def words_of(command: str) -> tuple[str, ...]:
     """What starts the package; empty: this process. Raises ``RendererError``."""
     if command := command.strip():
         words = _split(command)
-        if not words or not shutil.which(words[0]):
+        program = os.path.expanduser(words[0]) if words else ""  # only now: a home folder may have spaces in its name
+        if not shutil.which(program):
             raise RendererError(WRONG, command=command)
-        return words
+        return (program, *words[1:])
     if importlib.util.find_spec("mitsuba") and importlib.util.find_spec("mi_dogsplat"):
         return ()
     if found := shutil.which("dogsplat"):

@@ -29,7 +29,7 @@ def light(export: Export, obj: bpy.types.Object, world: np.ndarray, size: float)
     """The emitter of an evaluated light object; ``world`` [4, 4] places it in a scene of radius ``size``."""
     data = obj.data
     color = _color(export, data)
-    if not color.any():
+    if not color.any() or _is_portal(data):
         return None
     if data.type == "SUN":
         return _sun(data, color, world, size)
@@ -38,6 +38,11 @@ def light(export: Export, obj: bpy.types.Object, world: np.ndarray, size: float)
     if data.type == "AREA":
         return _area(export, data, color, world)
     return _point(data, color, world)
+
+
+def _is_portal(data: bpy.types.Light) -> bool:
+    """Whether it only shows Cycles where the light of the world comes in, and has none of its own."""
+    return data.type == "AREA" and hasattr(data, "cycles") and data.cycles.is_portal
 
 
 def _color(export: Export, data: bpy.types.Light) -> np.ndarray:

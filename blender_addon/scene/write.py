@@ -55,7 +55,7 @@ def has_surroundings(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> 
 
     ``hidden`` is what a viewport does not show, as ``hidden_in`` finds it; of a render nothing is.
     """
-    return not is_plain(depsgraph.scene.world) or any(
+    return not is_plain(depsgraph.scene_eval.world) or any(
         instance.object.type in WITH_FACES and is_shown(instance, depsgraph, hidden) and not _is_of_splats(instance)
         for instance in depsgraph.object_instances
     )
@@ -89,7 +89,7 @@ def write_scene(
 
     What is drawn differently, or not at all, is said in the notes, a line each.
     """
-    export, scene = Export(folder), depsgraph.scene
+    export = Export(folder)
     _note_rays(export, depsgraph, hidden)
     found = _gather(export, depsgraph, hidden)
     objects = list(dict.fromkeys((body.name, body.mask) for body in found.bodies))
@@ -101,7 +101,7 @@ def write_scene(
     for number, (obj, world) in enumerate(found.lights):
         if emitter := light(export, obj, world, size):
             described[f"{LAMP}{number}"] = emitter
-    if emitter := world_light(export, scene.world):
+    if emitter := world_light(export, depsgraph.scene_eval.world):
         described["world"] = emitter
     name = export.write(json.dumps(described).encode(), ".json")
     are_shapes = any("emitter" in plugin for name, plugin in described.items() if name.startswith(LAMP))
@@ -144,7 +144,7 @@ def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[st
             if override is not None:
                 materials = [override]
             owner = instance.parent if instance.is_instance else obj
-            mask = mask_of(owner.original, obj.original, depsgraph.view_layer)
+            mask = mask_of(owner.original, obj.original, depsgraph)
             body = Placed(obj.original.name, key, world, materials, mask)
             (metaballs if obj.type == "META" else found.bodies).append(body)
             listed.add(obj.original.name if obj.type != obj.original.type else "")

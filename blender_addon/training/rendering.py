@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from pathlib import Path
 
 import bpy
 
@@ -62,7 +63,7 @@ class Rendering:
         path, scene = self.data_set.path(self._current), self._context.scene
         remove(path)
         self._borrowed.set(scene, camera=self._cameras[self._current["file_path"]])
-        self._borrowed.set(scene.render, filepath=str(path))
+        self._borrowed.set(scene.render, filepath=_literal(path))
         return True
 
     def keep(self) -> None:
@@ -103,6 +104,11 @@ class Rendering:
         if twice := sorted({name for name in names if names.count(name) > 1}):
             problem = "two cameras of the rig would both write {name}; rename one of them"
             raise ValueError(told(problem, name=twice[0]))
+
+
+def _literal(path: Path) -> str:
+    """A path as render settings take it, where braces stand for values from Blender 5.0 on."""
+    return str(path).replace("{", "{{").replace("}", "}}") if bpy.app.version >= (5, 0) else str(path)
 
 
 def _numbers(context: bpy.types.Context, obj: bpy.types.Object) -> Camera:

@@ -95,6 +95,12 @@ MESSAGES = {
         "„{name}“ hat Punkte verloren oder bekommen, sodass niemand weiß, was gemalt ist; das rückgängig machen, "
         "oder es und seinen Modifikator löschen"
     ),
+    '"{name}": its constraints would move it once more; apply or mute them first': (
+        "„{name}“: seine Constraints würden es noch einmal bewegen; sie zuerst anwenden oder stummschalten"
+    ),
+    '"{name}": its shape keys would take its splats back; apply all of them first': (
+        "„{name}“: seine Formschlüssel würden seine Splats zurückholen; zuerst alle anwenden"
+    ),
     "some of these models hold radiance, others sRGB values; join those of one kind": (
         "manche dieser Modelle enthalten Strahldichte, andere sRGB-Werte; solche von einer Art zusammenführen"
     ),

@@ -7,6 +7,9 @@ NOTES = {
         "„{name}“: seine Nodes kopieren, was Splats zeichnet, was weggelassen wird; dort „Als Instanz“ einschalten und "
         "nichts realisieren"
     ),
+    '"{name}": its splats are left out, as it is scaled to nothing along an axis': (
+        "„{name}“: seine Splats werden weggelassen, da es entlang einer Achse auf nichts skaliert ist"
+    ),
     "motion blur is left out": "Bewegungsunschärfe wird weggelassen",
     "depth of field is left out; it takes Whole Scene and Linear colors": (
         "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import bpy
 
+from ..evaluated.placed import objects_in
 from ..nodes.modifier import get_input, has_input, set_input, splat_modifier
 from ..objects.attributes import is_splats
 from .pace import REST
@@ -97,12 +98,13 @@ class Watcher:
 
 def show_models(scene: bpy.types.Scene, shown: Shown, view: View | None) -> None:
     """Let the models of a scene show their most important splats, made for a view or the camera."""
-    models = list(drawn_models(scene))
+    models, own = list(drawn_models(scene)), set(scene.objects)
     total = sum(len(obj.data.vertices) for obj, _ in models)
     share = min(1.0, shown.count / total) if shown.count and total else 1.0
     for obj, modifier in models:
         inputs = {"Moving Share": share, "Moving Points": shown.points}
-        inputs |= view_inputs(view) if view is not None else {"View": False}
+        # Quads that are made for a view would stand wrong where instances have other places than their objects
+        inputs |= view_inputs(view) if view is not None and obj in own else {"View": False}
         changed = [name for name, value in inputs.items() if not _same(get_input(modifier, name), value)]
         for name in changed:
             set_input(modifier, name, inputs[name])
@@ -112,7 +114,7 @@ def show_models(scene: bpy.types.Scene, shown: Shown, view: View | None) -> None
 
 def drawn_models(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, bpy.types.Modifier]]:
     """Models of this file that a viewport can show, with the modifiers that draw them."""
-    for obj in scene.objects:
+    for obj in objects_in(scene):
         if is_splats(obj) and obj.library is None and not obj.hide_viewport:
             modifier = splat_modifier(obj)
             if modifier is not None and has_input(modifier, "View"):  # trees of older versions have none

@@ -115,3 +115,28 @@ def test_what_is_painted_stays_with_a_modifier_that_is_off(model):
     assert read_attributes(obj.data).n_splats > expected.n_splats
     painting.show_viewport = True
     assert_equal(shown(obj), expected)
+
+
+@pytest.mark.parametrize("kind, said", [
+    ("constraint", "its constraints would move it once more; apply or mute them first"),
+    ("keys", "its shape keys would take its splats back; apply all of them first"),
+])  # fmt: skip
+def test_a_transform_is_not_applied_to_what_would_not_stay(model, kind, said):
+    """Until what would move it is muted, or is no more; what is selected beside it stays until then too."""
+    other, obj = load(model), load(model)
+    other.location.x = obj.location.x = 5
+    if kind == "constraint":
+        constraint = obj.constraints.new("COPY_LOCATION")
+        constraint.target = other
+    else:
+        obj.shape_key_add(name="Basis")
+    choose(obj, other)
+    before = state([obj, other])
+    with pytest.raises(RuntimeError, match=f'^Error: "dog.001": {said}\n$'):
+        bpy.ops.dogsplat.apply_transform()
+    assert state([obj, other]) == before
+    if kind == "constraint":
+        constraint.mute = True
+    else:
+        obj.shape_key_clear()
+    assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"} and obj.location.x == other.location.x == 0

@@ -3,6 +3,7 @@
 import bpy
 import pytest
 from model_files import load
+from scattering import only_as_instance
 
 from blender_addon.nodes.modifier import get_input, splat_modifier
 
@@ -16,6 +17,15 @@ def test_models_of_this_file_get_exact_colors(scene, model, capfd):
     assert linear(obj) and bpy.ops.dogsplat.exact_settings() == {"FINISHED"}
     assert not linear(obj) and scene.view_settings.view_transform == "Raw"
     assert "Warning" not in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_models_that_are_only_instances_get_exact_colors(scene, model, nested):
+    obj = only_as_instance(scene, load(model))
+    if nested:
+        only_as_instance(scene, scene.objects[0])
+    assert obj.name not in scene.objects and bpy.ops.dogsplat.exact_settings() == {"FINISHED"}
+    assert not linear(obj)
 
 
 @pytest.mark.parametrize("overridden", [False, True])

@@ -1,5 +1,7 @@
 """Export: the very bits of what nobody touched, and edits that arrive."""
 
+import os
+
 import bpy
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_comments, read_ply
 from blender_addon.files.said import Said, said_in
 from blender_addon.files.sh import C0, sh_basis
-from blender_addon.nodes.modifier import set_input, splat_modifier
+from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 
 
 def test_an_untouched_model_comes_back_byte_for_byte(model, tmp_path):
@@ -51,6 +53,16 @@ def test_how_a_model_is_drawn_now_is_what_the_export_says(scene, model, tmp_path
     obj.select_set(True)
     bpy.context.view_layer.objects.active = obj
     assert said(tmp_path / "out.ply") == Said(True, 0.15, False, (0, -1, 0), 2.0)
+
+
+def test_the_near_clip_of_a_file_that_says_none_has_the_scale_of_the_import(scene, model, tmp_path):
+    """So it is said where the units that are written are others, and not in those of the file."""
+    obj = load(model, scale=0.01)
+    assert get_input(splat_modifier(obj), "Near Clip") == pytest.approx(0.002)
+    assert said(tmp_path / "out.ply") == Said()
+    assert said(tmp_path / "out.ply", space="WORLD").near_clip == pytest.approx(0.002)
+    set_input(splat_modifier(obj), "Near Clip", 0.2)
+    assert said(tmp_path / "out.ply").near_clip == pytest.approx(20)
 
 
 def said(path, **options):
@@ -169,3 +181,23 @@ def test_a_place_that_cannot_be_written_is_said(model, tmp_path):
     load(model)
     with pytest.raises(RuntimeError, match="nowhere.*cannot be written"):
         export(tmp_path / "nowhere" / "out.ply")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_files_have_the_permissions_of_new_files_and_keep_their_own(model, tmp_path):
+    load(model)
+    path, before = tmp_path / "out.ply", os.umask(0o027)
+    try:
+        export(path)
+        assert path.stat().st_mode & 0o777 == 0o640
+        path.chmod(0o664)
+        export(path)
+        assert path.stat().st_mode & 0o777 == 0o664
+    finally:
+        os.umask(before)
+
+
+def test_a_name_may_be_as_long_as_names_can_be(model, tmp_path):
+    load(model)
+    export(tmp_path / f"{'ä' * 125}.ply")
+    assert [len(os.fsencode(path.name)) for path in tmp_path.iterdir()] == [254]

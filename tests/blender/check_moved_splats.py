@@ -3,13 +3,14 @@
 import bpy
 import numpy as np
 import pytest
-from edits import PLACED, TURN
+from edits import PLACED, TURN, shown
 from mathutils import Matrix
 from model_files import load
 from model_values import assert_equal, assert_moved, covariances
 
 from blender_addon.files.motion import motions
 from blender_addon.files.ply import read_ply
+from blender_addon.nodes.modifier import edit_modifiers, get_input, set_input
 from blender_addon.objects.attributes import read_attributes
 
 
@@ -21,6 +22,37 @@ def test_splats_follow_blenders_own_apply_transform(model):
     bpy.context.view_layer.update()
     assert obj.matrix_world == Matrix.Identity(4)
     assert_moved(read_attributes(obj.data), raw, np.array(PLACED))
+
+
+@pytest.mark.parametrize("apply", [bpy.ops.object.transform_apply, lambda: bpy.ops.dogsplat.apply_transform()])
+def test_limits_on_sizes_leave_the_same_splats_of_a_model_that_is_scaled(model, apply):
+    """By Blender's tool and by ours: sizes are those of the object's space."""
+    obj = load(model)
+    sizes = np.exp(read_attributes(obj.data).log_scales).max(axis=1)
+    least, most = np.quantile(sizes, (0.3, 0.7))
+    bpy.ops.dogsplat.add_limits()
+    limits = edit_modifiers(obj)[0]
+    set_input(limits, "Minimum Size", float(least))
+    set_input(limits, "Maximum Size", float(most))
+    keep = (sizes > least) & (sizes < most)
+    obj.scale = 0.01, 0.01, 0.01
+    bpy.context.view_layer.update()
+    apply()
+    bpy.context.view_layer.update()
+    assert get_input(limits, "Minimum Size") == pytest.approx(0.01 * least, rel=1e-4)
+    assert shown(obj).n_splats == keep.sum() > 20
+
+
+def test_limits_stay_where_a_part_is_scaled(model):
+    obj = load(model)
+    bpy.ops.dogsplat.add_limits()
+    set_input(edit_modifiers(obj)[0], "Minimum Size", 0.1)
+    obj.data.vertices.foreach_set("select", np.arange(150) < 60)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.transform.resize(value=(2, 2, 2), center_override=(0, 0, 0))
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    assert get_input(edit_modifiers(obj)[0], "Minimum Size") == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("scale", [(-1.5, 1.5, 1.5), (1, 2, 0.7)])
@@ -89,3 +121,19 @@ def test_motions_are_found_in_any_order_of_what_was_joined():
         key = tuple(np.round(matrix, 3).ravel())
         found.setdefault(key, []).extend(rows.tolist())
     assert {tuple(sorted(rows)) for rows in found.values()} == {tuple(range(a, b)) for a, b in pieces}
+
+
+@pytest.mark.parametrize("sizes", [(300, 40, 12, 90, 8), (8, 20, 30), (500, 100, 700, 66), (9, 2000, 11)])
+def test_motions_of_small_objects_are_found_beside_others(sizes):
+    """The first object stays where it was, as the active one of a join does."""
+    rng = np.random.default_rng(1)
+    before = rng.normal(size=(sum(sizes), 3)).astype(np.float32)
+    after, objects = before.copy(), np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])
+    for k, rows in enumerate(objects[1:], start=1):
+        m = np.array(Matrix.Translation((k, 2, -k)) @ Matrix.Rotation(k, 4, (1, k, 2)) @ Matrix.Scale(1 / k, 4))
+        after[rows] = before[rows] @ m[:3, :3].T + m[:3, 3]
+    found = motions(before, after)
+    assert sorted(np.concatenate([rows for rows, _ in found])) == list(range(sizes[0], sum(sizes)))
+    for rows, matrix in found:
+        assert np.abs(before[rows] @ matrix[:3, :3].T + matrix[:3, 3] - after[rows]).max() < 1e-4
+        assert len({k for k, of in enumerate(objects) if np.isin(rows, of).any()}) == 1

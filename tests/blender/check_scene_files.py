@@ -45,6 +45,17 @@ def test_the_material_of_the_view_layer_is_that_of_all_bodies(scene, tmp_path):
     assert drawn["bsdf"]["reflectance"]["value"] == pytest.approx([0.25, 0.5, 0.75])
 
 
+def test_a_portal_of_cycles_is_no_lamp(scene, tmp_path):
+    """Nor is the mark of one on a lamp that is no area, where Cycles looks at none."""
+    camera(scene, (0, 0, 8))
+    plane(2)
+    lamps = [light(scene, kind, energy=10) for kind in ("AREA", "AREA", "POINT")]
+    lamps[0].data.cycles.is_portal = lamps[2].data.cycles.is_portal = True
+    result, described = written(scene, tmp_path)
+    shining = sorted(value["type"] for key, value in described.items() if key.startswith("light_"))
+    assert len(shining) == 2 and "rectangle" in shining and result.notes == []
+
+
 def test_a_shadow_catcher_and_rays_that_are_not_told_apart_are_said(scene, model, tmp_path):
     """Of splats and lamps too, but not of what is hidden."""
     camera(scene, (0, 0, 8))

@@ -1,6 +1,7 @@
 """From a scene to a model in its place: the training, how it ends, and the panel."""
 
 import json
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -163,6 +164,21 @@ def test_a_command_is_read_as_people_write_it(monkeypatch, tmp_path):
             with pytest.raises(RendererError, match="correct or clear it") as caught:
                 renderers.words_of(wrong)
             assert wrong in str(caught.value)
+
+
+def test_a_command_may_begin_in_the_home_folder(monkeypatch, tmp_path):
+    """Alone or with words behind it, and in a home whose name has a space."""
+    home = tmp_path / "John Doe"
+    for name in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(name, str(home))
+    home.mkdir()
+    shutil.copy(sys.executable, home / "python")
+    for words in ((), ("-m", "mi_dogsplat")):
+        program, *rest = renderers.words_of(" ".join(["~/python", *words]))
+        assert Path(program) == home / "python" and tuple(rest) == words
+    for wrong in ("~/other -m mi_dogsplat", "~nobody_here/python"):
+        with pytest.raises(RendererError, match="correct or clear it"):
+            renderers.words_of(wrong)
 
 
 def a_run(works, message=""):

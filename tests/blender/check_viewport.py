@@ -14,7 +14,7 @@ from references import place_camera
 
 from blender_addon.engine.settings import ENGINE
 from blender_addon.files.model import importance
-from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
+from blender_addon.nodes.modifier import edit_modifiers, get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import RANK, read_attributes
 from blender_addon.objects.columns import get_column
 from blender_addon.viewport.handlers import BEHIND_OURS, WATCHER, at_rest, while_moving
@@ -40,6 +40,19 @@ def test_ranks_put_the_most_important_splats_first(model):
     order = np.argsort(ranks)
     assert np.array_equal(np.sort(ranks), np.arange(150, dtype=np.float32) / np.float32(150))
     assert (np.diff(importance(raw)[order]) <= 0).all()
+
+
+def test_what_applied_edits_leave_is_ranked_anew(model):
+    """Else a share of the splats would show none of what is left where the most important ones are gone."""
+    obj = load(model)
+    large = np.exp(read_attributes(obj.data).log_scales).max(axis=1)
+    bpy.ops.dogsplat.add_limits()
+    set_input(edit_modifiers(obj)[0], "Maximum Size", float(np.median(large)))
+    obj.update_tag()
+    assert bpy.ops.dogsplat.apply_edits() == {"FINISHED"}
+    ranks, left = get_column(obj.data, RANK, 1)[:, 0], read_attributes(obj.data)
+    assert left.n_splats == 75 and np.array_equal(np.sort(ranks), np.arange(75, dtype=np.float32) / np.float32(75))
+    assert (np.diff(importance(left)[np.argsort(ranks)]) <= 0).all()
 
 
 def test_a_view_has_the_intrinsics_of_the_camera_that_it_looks_through(scene, model):

@@ -68,6 +68,14 @@ def test_views_are_those_of_the_rig_though_a_marker_of_the_timeline_has_a_camera
     assert np.array(image.pixels[:])[3::4].mean() > 0.2
 
 
+def test_views_are_written_where_braces_are_in_the_path(subject, scene, tmp_path):
+    """In Blender 5 braces of a path that is rendered to stand for something else."""
+    scene.dogsplat_training.folder, scene.dogsplat_training.views = str(tmp_path / "a{b}" / "{blend_name"), 1
+    make_rig(bpy.context)
+    assert bpy.ops.dogsplat.render_views() == {"FINISHED"}
+    assert (folder_of(scene) / "images" / "View_000.png").is_file() and is_complete(folder_of(scene))
+
+
 def test_settings_are_given_back_after_an_error(subject, scene, monkeypatch):
     make_rig(bpy.context)
     made_unlike(scene)

@@ -8,6 +8,7 @@ import pytest
 from live_views import OTHER_REGION, REGION, always, view_of_camera
 from model_files import load
 from references import place_camera
+from scattering import only_as_instance
 
 from blender_addon.nodes.modifier import get_input, splat_modifier
 from blender_addon.viewport import handlers
@@ -45,6 +46,17 @@ def test_the_viewport_that_moved_last_is_followed(scene, model):
     watcher.see(OTHER_REGION, scene, first._replace(size=(3, 3)), now=0.2)
     watcher.tick(0.2, few)
     assert tuple(get_input(modifier, "View Size"))[:2] == (3, 3)
+
+
+def test_a_model_that_is_only_an_instance_shows_fewer_splats_and_follows_no_view(scene, model):
+    """It may have another place than its object, for which alone quads could be made."""
+    place_camera(scene, "dog")
+    own, inner, watcher = load(model), only_as_instance(scene, load(model)), Watcher()
+    modifiers, scene.dogsplat_follow_view = [splat_modifier(obj) for obj in (own, inner)], True
+    watcher.see(REGION, scene, view_of_camera(scene), now=0.0)
+    watcher.tick(0.0, always(Shown(count=30)))
+    assert [get_input(modifier, "Moving Share") for modifier in modifiers] == [pytest.approx(0.1)] * 2
+    assert [get_input(modifier, "View") for modifier in modifiers] == [True, False]
 
 
 def test_a_viewport_that_moves_shows_fewer_splats_in_its_own_scene(scene, model, monkeypatch):

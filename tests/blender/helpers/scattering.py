@@ -1,4 +1,4 @@
-"""Nodes that put an object on each point of another."""
+"""Instances of objects: by nodes on each point of another one, or by a collection."""
 
 import bpy
 
@@ -20,3 +20,15 @@ def scattering(obj: bpy.types.Object, as_instance: bool = True, realized: bool =
         made = realize.outputs[0]
     tree.links.new(made, end.inputs[0])
     return tree
+
+
+def only_as_instance(scene: bpy.types.Scene, obj: bpy.types.Object) -> bpy.types.Object:
+    """The object, put into a collection that the scene has through an empty alone."""
+    collection = bpy.data.collections.new(f"{obj.name} kept")
+    for user in obj.users_collection:
+        user.objects.unlink(obj)
+    collection.objects.link(obj)
+    empty = bpy.data.objects.new(f"{obj.name} instance", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", collection
+    scene.collection.objects.link(empty)
+    return obj
