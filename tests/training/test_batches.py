@@ -146,9 +146,9 @@ def test_a_batch_sees_what_as_many_steps_see(name, data, alpha_data, gradients, 
     that
     it does not show.
     """
-    config = config_of(**options_of(name, data, alpha_data, tmp_path), steps=30_000)
-    dataset = load_dataset(config.data)
-    single, batch = (uneven(Trainer(replace(config, batch_views=k), dataset)) for k in (1, K))
+    config = config_of(**options_of(name, data, alpha_data, tmp_path))
+    dataset, views = load_dataset(config.data), 30_000 * K  # in all
+    single, batch = (uneven(Trainer(replace(config, batch_views=k, steps=views // k), dataset)) for k in (1, K))
     for _ in range(K):
         single.step()
     batch.step()
