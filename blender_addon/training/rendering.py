@@ -107,8 +107,8 @@ class Rendering:
 
 
 def _literal(path: Path) -> str:
-    """A path as render settings take it, where braces stand for values from Blender 5.0 on."""
-    return str(path).replace("{", "{{").replace("}", "}}") if bpy.app.version >= (5, 0) else str(path)
+    """A path as render settings take it, where braces stand for values from Blender 4.5 on."""
+    return str(path).replace("{", "{{").replace("}", "}}") if bpy.app.version >= (4, 5) else str(path)
 
 
 def _numbers(context: bpy.types.Context, obj: bpy.types.Object) -> Camera:

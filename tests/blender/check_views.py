@@ -69,7 +69,7 @@ def test_views_are_those_of_the_rig_though_a_marker_of_the_timeline_has_a_camera
 
 
 def test_views_are_written_where_braces_are_in_the_path(subject, scene, tmp_path):
-    """In Blender 5 braces of a path that is rendered to stand for something else."""
+    """From Blender 4.5 on braces of a path that is rendered to stand for something else."""
     scene.dogsplat_training.folder, scene.dogsplat_training.views = str(tmp_path / "a{b}" / "{blend_name"), 1
     make_rig(bpy.context)
     assert bpy.ops.dogsplat.render_views() == {"FINISHED"}
