@@ -85,8 +85,8 @@ class Filter:
         block.put(mi.Point2f(column + x, row + y), planes)
         pixel = dr.arange(mi.UInt32, width * height)
         if self.border:  # of the block too: Mitsuba writes beyond one that a sample does not reach
-            row = pixel // width
-            pixel = dr.fma(row + self.border, size[0], pixel - row * width + self.border)
+            line = pixel // dr.opaque(mi.UInt32, width)
+            pixel = dr.fma(line, 2 * self.border, pixel + dr.opaque(mi.UInt32, self.border * (size[0] + 1)))
         values = block.tensor().array
         return [dr.gather(mi.Float, values, dr.fma(pixel, len(planes), c)) for c in range(len(planes))]
 
