@@ -1,42 +1,26 @@
 """The command line: its commands work, its help teaches, and bad input is one line and exit status 2."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
 from importlib.metadata import version
-from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
-import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from dataset_folders import transforms_folder
 from happenings import history_of, records
-from mi_dogsplat import read_ply, write_ply
-from mi_dogsplat.cli import main
-from mi_dogsplat.cli.errors import one_line_errors, quiet_pipe, resumable
+from mi_dogsplat import read_ply
 from mi_dogsplat.cli.parser import build_parser
 from mi_dogsplat.cli.printing import metrics_line
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.support.pictures import write_png
 from mi_dogsplat.support.wording import file_size
 from PIL import Image
-from scene_files import scene_file
 
 COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "info", "check", "export", "view")
 COMMANDS += ("clean", "film", "poses", "serve", "simplify")
 SMALL = ["--preset", "3dgs", "--steps", "12", "--sh-degree", "1", "--max-primitives", "80", "--variant", "llvm_ad_rgb"]
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.ply"
-    write_ply(path, tiny_data.truth())
-    return path
 
 
 # --- the commands ---
@@ -147,130 +131,6 @@ def test_a_camera_file_and_a_scene_are_rendered(capsys, model, tmp_path):
     )
     assert run(capsys, "render", tmp_path / "s.xml", "-o", tmp_path / "s.png")[0] == 0
     assert np.asarray(Image.open(tmp_path / "s.png")).shape == (12, 16, 3)
-
-
-def test_ctrl_c_stops_with_one_line_and_status_130(capsys, data, tmp_path, monkeypatch):
-    def stopped(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("mi_dogsplat.training.strategy.densify.Densification.after_step", stopped)
-    status, _, err = run(capsys, "train", data, "-o", tmp_path / "run", *SMALL)
-    assert status == 130 and err.splitlines()[-1].startswith("dogsplat: stopped") and "Traceback" not in err
-    assert (tmp_path / "run" / "history.jsonl").read_text() == ""
-    assert not list((tmp_path / "run").rglob(".*"))
-
-
-def test_ctrl_c_within_a_render_is_one_line_too(capsys):
-    def stopped():
-        try:
-            raise KeyboardInterrupt
-        except KeyboardInterrupt as error:
-            raise RuntimeError("what Dr.Jit makes of it") from error
-
-    assert one_line_errors(stopped) == 130
-    assert capsys.readouterr().err == "dogsplat: stopped before the end; nothing is half-written\n"
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("command", ["export", "simplify", "clean", "check", "render", "eval"])
-def test_a_command_that_is_stopped_says_so_and_leaves_nothing(
-    capsys, model, data, tmp_path, monkeypatch, command, number
-):
-    flags = {
-        "export": ["-o", tmp_path / "a.spz"],
-        "simplify": ["-o", tmp_path / "a.ply", "--target", 8, "--steps", 3],
-        "clean": ["-o", tmp_path / "a.ply"],
-        "check": ["-o", tmp_path, "--only", "work-precision", "--data", data, "--rounds", 1],
-        "render": ["-o", tmp_path / "a.png"],
-        "eval": [data, "-o", tmp_path],
-    }
-    monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda _: [])
-    monkeypatch.setattr("os.replace", lambda *_: signal.raise_signal(number))  # its first file is written, but hidden
-    status, _, err = run(capsys, command, model, *flags[command])
-    assert status == 128 + number
-    assert err.splitlines()[-1] == "dogsplat: stopped before the end; nothing is half-written"
-    assert not any(path.is_file() for path in tmp_path.rglob("*"))
-
-
-def test_what_knows_better_how_it_goes_on_says_so(capsys):
-    def search():
-        with resumable():
-            signal.raise_signal(signal.SIGTERM)
-
-    assert one_line_errors(search) == 143
-    assert capsys.readouterr().err == "dogsplat: stopped; the same command again goes on from here\n"
-
-
-def test_signals_end_a_render_by_mitsuba_within_which_no_handler_begins_and_not_its_writing(
-    tmp_path, monkeypatch, capsys
-):
-    actions, render = [], mi.render
-
-    def note(*_, **__):
-        actions.append([signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)])
-
-    monkeypatch.setattr("mitsuba.render", lambda *scene, **settings: (note(), render(*scene, **settings)))
-    monkeypatch.setattr("mi_dogsplat.render.render_files.write_png", note)
-    assert run(capsys, "render", scene_file(tmp_path), "-o", tmp_path / "s.png")[0] == 0
-    drawing, writing = actions
-    assert drawing == [signal.SIG_DFL] * 2 and signal.SIG_DFL not in writing
-
-
-def test_a_bug_is_not_dressed_up_as_bad_input(data, tmp_path, monkeypatch):
-    def bug(*_):
-        raise RuntimeError("a bug")
-
-    monkeypatch.setattr("mi_dogsplat.training.strategy.densify.Densification.after_step", bug)
-    with pytest.raises(RuntimeError, match="a bug"):
-        main(["train", str(data), "-o", str(tmp_path / "run"), *SMALL])
-
-
-def test_the_module_is_the_command_in_a_process_of_its_own(model, tmp_path):
-    command = [sys.executable, "-m", "mi_dogsplat"]
-    folder = Path(__file__).parents[2]
-    done = subprocess.run([*command, "info", model], cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0 and done.stderr == "" and "60, 0 of them DoG" in done.stdout
-    failed = subprocess.run(
-        [*command, "render", tmp_path / "no.ply", "-o", tmp_path / "v.png"],
-        cwd=folder, capture_output=True, text=True, env=os.environ,
-    )  # fmt: skip
-    assert failed.returncode == 2 and failed.stdout == "" and failed.stderr.count("\n") == 1
-
-
-def test_output_that_nobody_reads_ends_the_command_quietly(model):
-    reader, writer = os.pipe()
-    os.close(reader)  # as `head -1` does when it has its line
-    command = [sys.executable, "-m", "mi_dogsplat", "info", model]
-    done = subprocess.run(command, cwd=Path(__file__).parents[2], stdout=writer, stderr=subprocess.PIPE, text=True)
-    os.close(writer)
-    assert done.returncode == 141 and done.stderr == "", done  # 128 + SIGPIPE, as a shell reports of `yes | head`
-
-
-@pytest.mark.skipif(os.name != "posix", reason="shells of other systems cannot close streams")
-def test_a_command_whose_streams_are_closed_does_its_work(model, tmp_path):
-    words = [sys.executable, "-m", "mi_dogsplat", "clean", str(model), "-o", str(tmp_path / "m.ply")]
-    done = subprocess.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *words], cwd=Path(__file__).parents[2])
-    assert done.returncode == 0 and (tmp_path / "m.ply").exists()
-
-
-def test_a_letter_that_the_output_lacks_is_an_escape(monkeypatch, model, tmp_path):
-    path = tmp_path / "μ.ply"
-    path.write_bytes(model.read_bytes())
-    written = BytesIO()
-    monkeypatch.setattr(sys, "stdout", TextIOWrapper(written, encoding="cp1252"))
-    assert main(["info", str(path)]) == 0
-    assert rb"\u03bc.ply: model" in written.getvalue()
-
-
-def test_a_pipe_that_breaks_where_no_signal_is_named_so_ends_as_quietly(monkeypatch):
-    """Windows has no SIGPIPE."""
-    monkeypatch.delattr(signal, "SIGPIPE")
-    monkeypatch.setattr(os, "dup2", lambda source, target: None)
-
-    def broken() -> int:
-        raise BrokenPipeError
-
-    assert quiet_pipe(broken) == 141
 
 
 def test_the_line_of_metrics_has_what_each_kind_of_run_is_judged_by():
