@@ -1,4 +1,4 @@
-"""A pinhole camera as numbers, and what every reader of cameras needs.
+"""A camera as numbers, and what every reader of cameras needs.
 
 A pose is OpenCV's world-to-camera (x right, y down, z forward); Blender's own cameras look along -z with y up.
 """
@@ -19,7 +19,10 @@ RIGID_TOLERANCE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Intrinsics in pixels (the centre of the first pixel is (0.5, 0.5)) and pose of an image."""
+    """Intrinsics in pixels (the centre of the first pixel is (0.5, 0.5)) and pose of an image.
+
+    Of an orthographic one the rays are parallel, and fx and fy are pixels per unit.
+    """
 
     name: str
     w2c: np.ndarray  # [4, 4]
@@ -30,6 +33,7 @@ class Camera:
     width: int
     height: int
     image: Path | None = None
+    orthographic: bool = False
 
     def downscaled(self, k: int) -> Camera:
         """The camera of the image averaged over k x k pixels, the remainder cut off."""

@@ -65,20 +65,31 @@ def picture_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
 
 
 def camera_numbers(scene: bpy.types.Scene, obj: bpy.types.Object, eye: Eye | None = None) -> Camera:
-    """The pinhole camera of a camera object at the resolution of the render. Raises ``ValueError`` for other kinds."""
+    """The camera of a camera object at the resolution of the render. Raises ``ValueError`` for panoramas and others."""
     data, render = obj.data, scene.render
-    if obj.type != "CAMERA" or data.type != "PERSP":  # Blender looks through any object
-        problem = 'the camera "{name}" has the type {kind}; splats need a perspective camera'
+    if obj.type != "CAMERA" or data.type not in ("PERSP", "ORTHO"):  # Blender looks through any object
+        problem = 'the camera "{name}" has the type {kind}; splats need a perspective or orthographic camera'
         raise ValueError(told(problem, name=obj.name, kind=type_name(data if obj.type == "CAMERA" else obj)))
     pose, shift_x = eye or (obj.matrix_world.normalized(), data.shift_x)
     width, height = picture_size(render)
     ax, ay = render.pixel_aspect_x, render.pixel_aspect_y
     horizontal = data.sensor_fit == "HORIZONTAL" or (data.sensor_fit == "AUTO" and width * ax >= height * ay)
     size = width * ax if horizontal else height * ay
-    focal = data.lens / (data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width) * size
+    sensor, parallel = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width, data.type == "ORTHO"
+    focal = size / data.ortho_scale if parallel else data.lens / sensor * size
     cx, cy = width / 2 - shift_x * size / ax, height / 2 + data.shift_y * size / ay
     c2w = np.array(pose, np.float64) @ OPENCV_FROM_OPENGL
-    return Camera(obj.name, np.linalg.inv(c2w), focal / ax, focal / ay, cx, cy, width, height)
+    numbers = focal / ax, focal / ay, cx, cy, width, height
+    return Camera(obj.name, np.linalg.inv(c2w), *numbers, orthographic=parallel)
+
+
+def pinhole_numbers(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
+    """The same, for what only pinholes can be used for. Raises ``ValueError`` for all others."""
+    camera = camera_numbers(scene, obj)
+    if camera.orthographic:
+        problem = 'the camera "{name}" is orthographic; this takes a perspective camera'
+        raise ValueError(told(problem, name=obj.name))
+    return camera
 
 
 def rendered_part(render: bpy.types.RenderSettings, camera: Camera) -> Camera:

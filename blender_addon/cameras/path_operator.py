@@ -14,7 +14,7 @@ from bpy_extras.io_utils import ExportHelper
 from ..files.errors import told
 from ..files.whole import write_whole
 from ..objects.attributes import has_splats
-from .objects import camera_numbers
+from .objects import pinhole_numbers
 
 PINHOLE = ("fx", "fy", "cx", "cy", "width", "height")
 
@@ -68,7 +68,7 @@ def _model(context: bpy.types.Context) -> bpy.types.Object | None:
 
 def _key(scene: bpy.types.Scene, matrix: np.ndarray) -> dict[str, Any]:
     """The camera as in a camera file; ``matrix`` [4, 4] goes from coordinates of the model to Blender's."""
-    camera = camera_numbers(scene, scene.camera)
+    camera = pinhole_numbers(scene, scene.camera)
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     if scale <= 0 or not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
         problem = "the model is mirrored, sheared or scaled unevenly: no camera sees that; apply its transform"

@@ -104,11 +104,15 @@ def make_order(
     stage = make_stage(depsgraph, folder, camera, seen_by=sensor(scene, obj, square(camera)))
     if scene.render.use_motion_blur:
         stage.notes.append(told("motion blur is left out"))
-    if obj.data.dof.use_dof and not stage.whole:
+    if obj.data.dof.use_dof and camera.orthographic:
+        stage.notes.append(told("depth of field is left out; it takes a perspective camera"))
+    elif obj.data.dof.use_dof and not stage.whole:
         stage.notes.append(told("depth of field is left out; it takes Whole Scene and Linear colors"))
     request = {**stage.request, "passes": passes}
+    if camera.orthographic:
+        request["near_clip"] = 0.0  # splats do not grow towards such a camera
     if not stage.whole:
-        request["camera"] = camera_request(camera)
+        request |= camera_request(camera)
     else:
         request["samples"] = scene.dogsplat.samples
         request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
@@ -165,9 +169,9 @@ def tidy(folder: Path, files: set[str]) -> None:
 
 
 def camera_request(camera: Camera) -> dict[str, Any]:
-    """A camera as a request has it."""
+    """What a request says of a camera."""
     numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    return {"w2c": camera.w2c.tolist(), **numbers}
+    return {"camera": {"w2c": camera.w2c.tolist(), **numbers}, "orthographic": camera.orthographic}
 
 
 def square(camera: Camera) -> Camera:

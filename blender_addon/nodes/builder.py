@@ -73,6 +73,9 @@ class Vector:
     def maximum(self, other: Any) -> Vector:
         return self.tree.vector_math("MAXIMUM", self, other)
 
+    def length(self) -> Value:
+        return self.tree.vector_math("LENGTH", self, output="Value")
+
     def normalized(self) -> Vector:
         return self.tree.vector_math("NORMALIZE", self)
 

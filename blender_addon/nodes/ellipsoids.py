@@ -12,8 +12,8 @@ from .material import EXTENT, FACTOR, OPACITIES, ellipsoid_material
 
 SPHERE_RADIUS = 1 / 0.9339  # of an icosphere with 80 faces that holds the unit sphere
 INPUTS = {
-    "Points": "NodeSocketGeometry", "DoG": "NodeSocketBool", "Near Clip": "NodeSocketFloat", "Depth": "NodeSocketFloat",
-    "Unit": "NodeSocketFloat", "Focal": "NodeSocketVector",
+    "Points": "NodeSocketGeometry", "DoG": "NodeSocketBool", "Near Clip": "NodeSocketFloat",
+    "Distance": "NodeSocketFloat", "Unit": "NodeSocketFloat", "Focal": "NodeSocketVector",
 }  # fmt: skip
 
 
@@ -22,13 +22,13 @@ def ellipsoids_group() -> bpy.types.NodeTree:
     name = "DoG Splat ellipsoids"
     if existing := cached_group(name):
         return existing
-    tree, (points, dog, near, depth, unit, focal), exit_node = new_group(
+    tree, (points, dog, near, distance, unit, focal), exit_node = new_group(
         name, GEOMETRY, INPUTS, {"Ellipsoids": "NodeSocketGeometry"}
     )
     splat = Splat(tree, dog)
-    distance = tree.math("MAXIMUM", depth, near) / unit
+    distance = tree.math("MAXIMUM", distance, near) / unit
     fx, fy, _ = focal.split()
-    pixel2 = distance * distance / (fx * fy) * LOW_PASS  # low-pass variance at that depth
+    pixel2 = distance * distance / (fx * fy) * LOW_PASS  # low-pass variance at that distance
     primary, pseudo = (
         tree.combine(*(tree.math("SQRT", s * s + pixel2) for s in scale.split()))
         for scale in (splat.scale, splat.pseudo_scale)

@@ -8,8 +8,10 @@ import bpy
 
 from ..objects.attributes import BASE, OPACITY_FACTOR, ROTATION, SCALE, SCALE_FACTOR
 from .builder import Tree, Value, Vector, new_group
+from .geometry import switch
 from .groups import GEOMETRY, cached_group, finish_group, named_attribute
 
+PARALLEL, ALL_AROUND = 1, 2  # projections, as Blender numbers types of cameras; 0 is perspective
 JACOBIAN_MARGIN = 0.15  # of the image on every side: J is evaluated at most there (the 1.3 tan(fov / 2) of 3DGS)
 
 
@@ -19,16 +21,25 @@ def _sockets(fields: tuple[str, ...], **others: str) -> dict[str, str]:
 
 
 class Pose(NamedTuple):
-    """Where a picture is taken from, in the space of the world, and its intrinsics in pixels (x, y, 0)."""
+    """Where a picture is taken from, in the space of the world, and its intrinsics in pixels (x, y, 0).
+
+    ``focal`` is in pixels per unit where the rays are parallel, and per radian in a panorama.
+    """
 
     location: Vector
     rotation: Any
     focal: Vector
     center: Vector
     size: Vector
+    projection: Value
 
 
-POSE = _sockets(Pose._fields, rotation="NodeSocketRotation")
+POSE = _sockets(Pose._fields, rotation="NodeSocketRotation", projection="NodeSocketFloat")
+
+
+def sees(pose: Pose, projection: int) -> Value:
+    """1 where the pose has that projection."""
+    return (pose.projection > projection - 0.5) * (pose.projection < projection + 0.5)
 
 
 def camera_pose(tree: Tree) -> tuple[Vector, Any]:
@@ -50,7 +61,9 @@ class Frame(NamedTuple):
     goes ``r · A p`` to the right, so ``right`` is Aᵀ r, and so are ``down`` and ``forward``. ``across`` and ``up`` are
     the steps in the space of the object that are r and -d in the world. ``unit`` is that of the object in the world,
     its mean along three axes. ``direction`` is that in the space of the object, which the colours are for. Depths are
-    those of the world. ``tangents`` of the viewing angles (x, y, 0) are held inside of the image and its margin.
+    those of the world. ``focal`` is in pixels for steps in the world that are as long as the ``distance``: the depth;
+    in a panorama how far the splat is; for parallel rays 1. ``tangents`` of the viewing angles (x, y, 0) are held
+    inside of the image and its margin.
     """
 
     right: Vector
@@ -61,11 +74,12 @@ class Frame(NamedTuple):
     unit: Value
     direction: Vector
     depth: Value
+    distance: Value
     focal: Vector
     tangents: Vector
 
 
-FRAME = _sockets(Frame._fields, unit="NodeSocketFloat", depth="NodeSocketFloat")
+FRAME = _sockets(Frame._fields, **dict.fromkeys(("unit", "depth", "distance"), "NodeSocketFloat"))
 
 
 def frame_group() -> bpy.types.NodeTree:
@@ -81,22 +95,25 @@ def frame_group() -> bpy.types.NodeTree:
         tree.plug(node.inputs[0], to_world)
     axes = [_rotated(tree, axis, pose.rotation) for axis in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))]
     right, down, forward = (_transformed(tree, "Direction", axis, transposed.outputs[0]) for axis in axes)
-    across = _transformed(tree, "Direction", axes[0], to_object.outputs[0])
-    up = _transformed(tree, "Direction", axes[1], to_object.outputs[0]) * -1.0
+    across, downward, along = (_transformed(tree, "Direction", axis, to_object.outputs[0]) for axis in axes)
     volume = tree.math("ABSOLUTE", right.dot(down.cross(forward)))
     unit = tree.math("POWER", volume, 1 / 3)
     position = Vector(tree, tree.node("GeometryNodeInputPosition").outputs[0])
-    direction = position - _transformed(tree, "Point", pose.location, to_object.outputs[0])
-    depth = direction.dot(forward)
+    offset = position - _transformed(tree, "Point", pose.location, to_object.outputs[0])
+    depth, parallel = offset.dot(forward), sees(pose, PARALLEL)
+    direction = switch(tree, "VECTOR", parallel, offset, along)
+    far = switch(tree, "FLOAT", sees(pose, ALL_AROUND), depth, offset.length() * unit)
+    distance = switch(tree, "FLOAT", parallel, far, 1.0)
     tangents = []
-    for axis, of_axis in zip((right, down), zip(*(v.split() for v in pose[2:]), strict=True), strict=False):
+    of_axes = zip(*(v.split() for v in (pose.focal, pose.center, pose.size)), strict=True)
+    for axis, of_axis in zip((right, down), of_axes, strict=False):
         f, c, n = of_axis
         margin = n / f * JACOBIAN_MARGIN
         low, high = (c / f + margin) * -1.0, (n - c) / f + margin
-        tangent = tree.math("MAXIMUM", direction.dot(axis) / depth, low)
-        tangents.append(tree.math("MINIMUM", tangent, high))
-    frame = Frame(right, down, forward, across, up, unit, direction, depth, pose.focal, tree.combine(*tangents))
-    tree.give(exit_node, frame)
+        tangent = tree.math("MAXIMUM", offset.dot(axis) / depth, low)
+        tangents.append(tree.math("MINIMUM", tangent, high) * (1.0 - parallel))
+    of_view = right, down, forward, across, downward * -1.0
+    tree.give(exit_node, Frame(*of_view, unit, direction, depth, distance, pose.focal, tree.combine(*tangents)))
     return finish_group(tree, name)
 
 

@@ -15,7 +15,7 @@ import bpy
 
 from .builder import Tree, Value, Vector, arrange
 
-VERSION = 7  # of the node trees; another version of the add-on makes its own
+VERSION = 8  # of the node trees; another version of the add-on makes its own
 MIN_ALPHA = 1 / 255
 MAX_ALPHA = 0.99
 COLOR, KERNEL, PSEUDO = "splat:color", "splat:kernel", "splat:pseudo"  # of a quad: u, v, opacity of both kernels
@@ -42,7 +42,8 @@ def ellipsoid_material() -> bpy.types.Material:
         surface = Vector(tree, tree.node("ShaderNodeTexCoord").outputs["Object"])
         to_object = tree.node("ShaderNodeVectorTransform", vector_type="VECTOR", convert_from="WORLD",
                               convert_to="OBJECT")  # fmt: skip
-        tree.plug(to_object.inputs[0], tree.node("ShaderNodeNewGeometry").outputs["Incoming"])
+        geometry = tree.node("ShaderNodeNewGeometry")
+        tree.plug(to_object.inputs[0], geometry.outputs["Incoming"])
         extent = _attribute(tree, EXTENT, "INSTANCER")
         factor = _attribute(tree, FACTOR, "INSTANCER")
         opacity, pseudo_opacity, _ = _attribute(tree, OPACITIES, "INSTANCER").split()
@@ -54,7 +55,8 @@ def ellipsoid_material() -> bpy.types.Material:
         ):
             moment = p.cross(d)
             parts.append(_bounded(tree, moment.dot(moment) / d.dot(d), a))
-        return parts[0] - parts[1]
+        facing = 1.0 - Value(tree, geometry.outputs["Backfacing"])  # Cycles culls no faces
+        return (parts[0] - parts[1]) * facing
 
     material = _material("DoG Splat ellipsoids", "INSTANCER", alpha)
     material.use_backface_culling = True

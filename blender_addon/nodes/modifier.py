@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import bpy
@@ -12,7 +13,7 @@ from .limits import NAME as LIMITS
 from .limits import ORDERS
 from .paint import NAME as PAINT
 from .space import space_of
-from .tree import NAME, SHOW, splat_tree
+from .tree import NAME, PROJECTION, SHOW, splat_tree
 
 EDITING = (CROP, LIMITS, PAINT)
 SHOWN = ("Show As", "SH Degree", "DoG", "Linear Colors", "Antialiased", "Near Clip", "Viewport Share")
@@ -21,20 +22,28 @@ MENUS = {"Show As": SHOW, "Shape": SHAPES, "Count By": ORDERS}
 # Horizontal: what Blender's sensor fit "Auto" decides. Enum values: 0 Auto, 1 Horizontal, 2 Vertical.
 _HORIZONTAL = "(fit == 1 or (fit == 0 and rx * ax >= ry * ay))"
 _SIZE = f"(rx * ax if {_HORIZONTAL} else ry * ay)"  # of the side that the sensor fits, in units of square pixels
-_FOCAL = f"lens / (sh if fit == 2 else sw) * {_SIZE} * percent / 100"
+_PINHOLE = f"{_SIZE} / (scale if kind == 1 else (sh if fit == 2 else sw) / lens)"
+_ANGLE = "(east - west if dome == 0 else sw / bent if dome == 2 else fov)"  # across a panorama, as near its axis
+_PANORAMA = f"rx * ax / {_ANGLE}"
 EXPRESSIONS = {
-    "Focal X": f"{_FOCAL} / ax",
-    "Focal Y": f"{_FOCAL} / ay",
+    PROJECTION: "min(kind, 2)",  # 3 is a lens that a script describes
+    "Focal X": f"({_PANORAMA} if kind == 2 else {_PINHOLE}) * percent / 100 / ax",
+    "Focal Y": f"({_PANORAMA} if kind == 2 else {_PINHOLE}) * percent / 100 / ay",
     "Center X": f"(rx / 2 - sx * {_SIZE} / ax) * percent / 100",
     "Center Y": f"(ry / 2 + sy * {_SIZE} / ay) * percent / 100",
     "Width": "rx * percent / 100",
     "Height": "ry * percent / 100",
 }
+_DOME = "camera.data" if bpy.app.version >= (5, 0) else "camera.data.cycles"
 VARIABLES = {  # path from the scene, and the value where the scene has no camera
     "lens": ("camera.data.lens", 50), "sw": ("camera.data.sensor_width", 36), "sh": ("camera.data.sensor_height", 24),
+    "kind": ("camera.data.type", 0), "scale": ("camera.data.ortho_scale", 6),
     "fit": ("camera.data.sensor_fit", 0), "sx": ("camera.data.shift_x", 0), "sy": ("camera.data.shift_y", 0),
     "rx": ("render.resolution_x", 0), "ry": ("render.resolution_y", 0), "percent": ("render.resolution_percentage", 0),
     "ax": ("render.pixel_aspect_x", 1), "ay": ("render.pixel_aspect_y", 1),
+    "dome": (f"{_DOME}.panorama_type", 0), "west": (f"{_DOME}.longitude_min", -math.pi),
+    "east": (f"{_DOME}.longitude_max", math.pi), "fov": (f"{_DOME}.fisheye_fov", math.pi),
+    "bent": (f"{_DOME}.fisheye_lens", 10.5),
 }  # fmt: skip
 
 
@@ -46,8 +55,7 @@ def add_modifier(obj: bpy.types.Object) -> bpy.types.Modifier:
     """
     modifier = obj.modifiers.new(NAME, "NODES")
     modifier.node_group = splat_tree(space_of(obj))
-    for name, expression in EXPRESSIONS.items():
-        _drive(*input_property(modifier, name), expression)
+    drive(modifier)
     if hasattr(obj, "cycles"):
         obj.cycles.use_deform_motion = False
     return modifier
@@ -118,6 +126,14 @@ def scale_limits(obj: bpy.types.Object, factor: float) -> None:
         for name in ("Minimum Size", "Maximum Size"):
             set_input(modifier, name, get_input(modifier, name) * factor)
     obj.update_tag()
+
+
+def drive(modifier: bpy.types.Modifier) -> None:
+    """Let drivers tell a drawing modifier of the active camera, in place of those that it has."""
+    for name, expression in EXPRESSIONS.items():
+        owner, key = input_property(modifier, name)
+        owner.driver_remove(key)
+        _drive(owner, key, expression)
 
 
 def _drive(owner: Any, key: str, expression: str) -> None:

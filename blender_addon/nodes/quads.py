@@ -39,7 +39,7 @@ def quads_group() -> bpy.types.NodeTree:
 
     visible = (frame.depth > near) * (half_x > 0.0)
     points = delete(tree, points, 1.0 - visible)
-    values = {EXTENT: tree.combine(half_x, half_y, frame.depth), KERNEL: primary[0], PSEUDO: pseudo[0],
+    values = {EXTENT: tree.combine(half_x, half_y, frame.distance), KERNEL: primary[0], PSEUDO: pseudo[0],
               OPACITIES: tree.combine(primary[2], pseudo[2])}  # fmt: skip
     for name, value in values.items():
         points = store(tree, points, name, value)
@@ -56,7 +56,7 @@ def _projected_axes(tree: Tree, frame: Frame, splat: Splat) -> list[Vector]:
     rows = []
     for axis, tangent, f in zip((frame.right, frame.down), frame.tangents.split(), frame.focal.split(), strict=False):
         turn = tree.node("FunctionNodeRotateVector")
-        tree.plug(turn.inputs["Vector"], (axis - frame.forward * tangent) * (f / frame.depth))
+        tree.plug(turn.inputs["Vector"], (axis - frame.forward * tangent) * (f / frame.distance))
         tree.plug(turn.inputs["Rotation"], inverse.outputs[0])
         rows.append(Vector(tree, turn.outputs[0]))
     return rows
@@ -65,9 +65,9 @@ def _projected_axes(tree: Tree, frame: Frame, splat: Splat) -> list[Vector]:
 def _rectangles(tree: Tree, points: Any, frame: Frame) -> Any:
     """Points with kernels as rectangles, the farthest first; their corners have what the kernels are of."""
     corner_x, corner_y, _ = named_attribute(tree, CORNER).split()
-    size_x, size_y, depth = named_attribute(tree, EXTENT).split()
+    size_x, size_y, distance = named_attribute(tree, EXTENT).split()
     place = tree.node("GeometryNodeInstanceOnPoints")
-    tree.plug(place.inputs["Points"], sort(tree, points, depth * -1.0))
+    tree.plug(place.inputs["Points"], sort(tree, points, frame.depth * -1.0))
     tree.plug(place.inputs["Instance"], _corners(tree))
     tree.plug(place.inputs["Scale"], (0.0, 0.0, 0.0))
     realize = tree.node("GeometryNodeRealizeInstances")
@@ -76,8 +76,8 @@ def _rectangles(tree: Tree, points: Any, frame: Frame) -> Any:
     fx, fy, _ = frame.focal.split()
     spread = tree.node("GeometryNodeSetPosition")
     tree.plug(spread.inputs["Geometry"], realize.outputs[0])
-    right, up = frame.across * (corner_x * size_x * depth / fx), frame.up * (corner_y * size_y * depth / fy)
-    tree.plug(spread.inputs["Offset"], right + up)
+    steps = corner_x * size_x * distance / fx, corner_y * size_y * distance / fy
+    tree.plug(spread.inputs["Offset"], frame.across * steps[0] + frame.up * steps[1])
     mesh = spread.outputs[0]
     dx, dy = size_x * corner_x, size_y * corner_y * -1.0  # pixels, y down
     opacities = named_attribute(tree, OPACITIES).split()

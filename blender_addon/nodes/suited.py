@@ -19,7 +19,7 @@ from .groups import SPACE, version_of
 from .limits import NAME as LIMITS
 from .limits import limits_tree
 from .material import VERSION
-from .modifier import tree_name
+from .modifier import drive, tree_name
 from .paint import NAME as PAINT
 from .paint import paint_tree
 from .space import space_of
@@ -33,7 +33,7 @@ def suit(obj: bpy.types.Object) -> None:
     """Give the modifiers of an object other trees, with the same inputs, where theirs are older or for another space.
 
     The identifiers of inputs are the same in all versions, but for those that viewports write. So values, drivers and
-    keys stay. Trees of a newer version are left alone.
+    keys stay; those drivers that tell of the camera are made anew. Trees of a newer version are left alone.
     """
     if not can_edit(obj):
         return
@@ -41,7 +41,10 @@ def suit(obj: bpy.types.Object) -> None:
     for modifier in obj.modifiers:
         name = tree_name(modifier)
         if name in COLORED and _gives_way(modifier.node_group, space):
+            older = version_of(modifier.node_group) < VERSION
             modifier.node_group, changed = COLORED[name](space), True
+            if older and name == NAME:
+                drive(modifier)
         elif name in PLAIN and _gives_way(modifier.node_group, ""):
             modifier.node_group, changed = PLAIN[name](), True
     if changed:

@@ -1,6 +1,6 @@
 """The Geometry Nodes tree of a model: from points with attributes to what the engines render.
 
-Three ways to show a model, and "Automatic", which is quads in renders and ellipsoids in the viewport:
+Three ways to show a model, and "Automatic", which is quads in renders and ellipsoids in the viewport and in panoramas:
 
 - Quads: one rectangle per splat, at its depth and parallel to the image plane of the active camera, carrying the EWA
   kernel of 3DGS (low-pass filter included). In a render they are drawn in the order of the depth of their centres.
@@ -21,7 +21,7 @@ from ..objects.attributes import RANK
 from .builder import Tree, new_group, wrap
 from .color import color_group
 from .ellipsoids import ellipsoids_group
-from .fields import Frame, Pose, camera_pose, frame_group, mean_scale
+from .fields import ALL_AROUND, PARALLEL, Frame, Pose, camera_pose, frame_group, mean_scale, sees
 from .geometry import choose, delete, describe, set_material, store, switch
 from .groups import GEOMETRY, cached_group, finish_group, named_attribute
 from .material import COLOR, point_material
@@ -32,6 +32,8 @@ SHOW = ("Automatic", "Quads", "Ellipsoids", "Points")
 CAMERA_INPUTS = ("Focal X", "Focal Y", "Center X", "Center Y", "Width", "Height")  # driven, pixels
 VIEW_INPUTS = ("Moving Share", "Moving Points", "View", "View Location", "View Rotation", "View Focal", "View Center",
                "View Size")  # fmt: skip
+PROJECTION, VIEW_PROJECTION = "Projection", "View Projection"  # driven, and of the viewport: as ``Pose`` has it
+NOWHERE = -1e30  # the near clip of parallel rays, whose camera may stand anywhere along them
 NEAR_CLIP = 0.2  # in units of the file, of models whose files say nothing
 INPUTS = {
     "Geometry": "NodeSocketGeometry", "Show As": "NodeSocketMenu", "SH Degree": "NodeSocketInt",
@@ -40,6 +42,7 @@ INPUTS = {
     "Viewport Share": "NodeSocketFloat", "Moving Share": "NodeSocketFloat", "Moving Points": "NodeSocketBool",
     "View": "NodeSocketBool", "View Location": "NodeSocketVector", "View Rotation": "NodeSocketRotation",
     **dict.fromkeys(VIEW_INPUTS[5:], "NodeSocketVector"),
+    PROJECTION: "NodeSocketFloat", VIEW_PROJECTION: "NodeSocketFloat",  # last: others keep the identifiers they had
 }  # fmt: skip
 
 
@@ -49,13 +52,15 @@ def splat_tree(space: str = "") -> bpy.types.NodeTree:
         return existing
     tree, inputs, exit_node = new_group(NAME, GEOMETRY, INPUTS, {"Geometry": "NodeSocketGeometry"})
     geometry, show, degree, dog, linear, antialiased, near, fx, fy, cx, cy, width, height, *of_view = inputs
-    share, moving_share, moving_points, view, *view_numbers = of_view
+    share, moving_share, moving_points, view, *view_numbers, projection, view_projection = of_view
     in_viewport = wrap(tree, tree.node("GeometryNodeIsViewport").outputs[0])
-    of_camera = (*camera_pose(tree), tree.combine(fx, fy), tree.combine(cx, cy), tree.combine(width, height))
-    kinds = ("VECTOR", "ROTATION", "VECTOR", "VECTOR", "VECTOR")
+    pixels = tree.combine(fx, fy), tree.combine(cx, cy), tree.combine(width, height)
+    of_camera, of_viewport = (*camera_pose(tree), *pixels, projection), (*view_numbers, view_projection)
+    kinds = ("VECTOR", "ROTATION", "VECTOR", "VECTOR", "VECTOR", "FLOAT")
     pose = Pose(*(switch(tree, kind, view * in_viewport, camera, own)
-                  for kind, camera, own in zip(kinds, of_camera, view_numbers, strict=True)))  # fmt: skip
+                  for kind, camera, own in zip(kinds, of_camera, of_viewport, strict=True)))  # fmt: skip
     frame = Frame(*tree.call(frame_group(), *pose))
+    near = switch(tree, "FLOAT", sees(pose, PARALLEL), near, NOWHERE)
 
     to_points = tree.node("GeometryNodeMeshToPoints")
     tree.plug(to_points.inputs[0], geometry)
@@ -65,8 +70,9 @@ def splat_tree(space: str = "") -> bpy.types.NodeTree:
     (color,) = tree.call(color_group(space), frame.direction, degree, linear)
     points = store(tree, some, COLOR, color)
     (quads,) = tree.call(quads_group(), points, dog, near, antialiased, *frame)
-    (ellipsoids,) = tree.call(ellipsoids_group(), points, dog, near, frame.depth, frame.unit, frame.focal)
-    automatic = switch(tree, "GEOMETRY", in_viewport * (1.0 - view) > 0.5, quads, ellipsoids)
+    (ellipsoids,) = tree.call(ellipsoids_group(), points, dog, near, frame.distance, frame.unit, frame.focal)
+    from_everywhere = tree.math("MAXIMUM", in_viewport * (1.0 - view), sees(pose, ALL_AROUND))
+    automatic = switch(tree, "GEOMETRY", from_everywhere > 0.5, quads, ellipsoids)
     as_points = _points(tree, points)
     ways = (automatic, quads, ellipsoids, as_points)
     chosen = choose(tree, "GEOMETRY", show, dict(zip(SHOW, ways, strict=True)))
@@ -88,7 +94,8 @@ def _describe(group: bpy.types.NodeTree) -> None:
     """Defaults, ranges and tooltips of the inputs that people see."""
     settings: dict[str, dict[str, Any]] = {
         "Show As": {"default_value": SHOW[0], "description": "Quads are exact for the active camera; ellipsoids are "
-                    "right from everywhere; Automatic renders quads and shows ellipsoids in the viewport"},
+                    "right from everywhere; Automatic renders quads, and shows ellipsoids in the viewport and in "
+                    "panoramas"},
         "SH Degree": {"default_value": 3, "min_value": 0, "max_value": 3,
                       "description": "Highest band of view-dependent color, seen from the active camera"},
         "DoG": {"default_value": True, "description": "Subtract the pseudo-Gaussians"},
@@ -103,5 +110,5 @@ def _describe(group: bpy.types.NodeTree) -> None:
         "Moving Share": {"default_value": 1.0, "description": "The same, written while a viewport moves"},
     }  # fmt: skip
     camera = {"default_value": 1000.0, "description": "Of the active camera, in pixels; kept up to date by a driver"}
-    hidden = (*CAMERA_INPUTS, *VIEW_INPUTS)
+    hidden = (*CAMERA_INPUTS, *VIEW_INPUTS, PROJECTION, VIEW_PROJECTION)
     describe(group, settings | dict.fromkeys(CAMERA_INPUTS, camera), hidden)

@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 
 from ..cameras.camera import Camera
-from ..cameras.objects import camera_numbers
+from ..cameras.objects import pinhole_numbers
 from ..files.errors import told
 from ..files.whole import remove
 from ..objects.conventions import metres_of_unit
@@ -112,4 +112,4 @@ def _literal(path: Path) -> str:
 
 
 def _numbers(context: bpy.types.Context, obj: bpy.types.Object) -> Camera:
-    return camera_numbers(context.scene, obj.evaluated_get(context.evaluated_depsgraph_get()))
+    return pinhole_numbers(context.scene, obj.evaluated_get(context.evaluated_depsgraph_get()))

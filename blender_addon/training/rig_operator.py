@@ -7,7 +7,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..cameras.camera import Camera
-from ..cameras.objects import camera_numbers
+from ..cameras.objects import pinhole_numbers
 from ..files.errors import told
 from .borrowed import Borrowed
 from .rig import around, distance, held_out, inside
@@ -102,7 +102,7 @@ def _numbers(scene: bpy.types.Scene, data: bpy.types.Camera) -> Camera:
     try:
         with Borrowed() as borrowed:
             borrowed.set_size(scene)
-            return camera_numbers(scene, probe)
+            return pinhole_numbers(scene, probe)
     finally:
         bpy.data.objects.remove(probe)
 

@@ -151,8 +151,11 @@ MESSAGES = {
     'add "fl_x", "fl_y", "w", "h" in pixels': "„fl_x“, „fl_y“, „w“, „h“ in Pixeln ergänzen",
     "cannot be read as an image": "kann nicht als Bild gelesen werden",
     'add "w" and "h" to the frames': "bei den Bildern „w“ und „h“ ergänzen",
-    'the camera "{name}" has the type {kind}; splats need a perspective camera': (
-        "die Kamera „{name}“ hat den Typ „{kind}“; Splats brauchen eine perspektivische Kamera"
+    'the camera "{name}" has the type {kind}; splats need a perspective or orthographic camera': (
+        "die Kamera „{name}“ hat den Typ „{kind}“; Splats brauchen eine perspektivische oder orthografische Kamera"
+    ),
+    'the camera "{name}" is orthographic; this takes a perspective camera': (
+        "die Kamera „{name}“ ist orthografisch; dazu braucht es eine perspektivische Kamera"
     ),
     # COLMAP
     "the model has no registered image": "das Modell hat kein registriertes Bild",

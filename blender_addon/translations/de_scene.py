@@ -14,6 +14,9 @@ NOTES = {
     "depth of field is left out; it takes Whole Scene and Linear colors": (
         "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"
     ),
+    "depth of field is left out; it takes a perspective camera": (
+        "Schärfentiefe wird weggelassen; dazu braucht es eine perspektivische Kamera"
+    ),
     '"{name}": a shadow catcher is drawn as any other object': (
         "„{name}“: ein Schattenfänger wird wie jedes andere Objekt gezeichnet"
     ),

@@ -16,10 +16,9 @@ FAR = 1e30  # where single precision knows no end of the view
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A camera; of parallel rays its focal lengths are pixels per unit. clip: near and far end, from the camera on."""
+    """A camera, and the near and far end of what it sees, from there on."""
 
     camera: Camera
-    orthographic: bool
     clip: tuple[float, float]
 
     def same(self, other: Seen | None) -> bool:
@@ -38,7 +37,7 @@ class Seen:
         """[P, 2] of points [P, 3] in the world, from the upper left corner."""
         camera = self.camera
         local = points @ camera.w2c[:3, :3].T + camera.w2c[:3, 3]
-        plane = local[:, :2] if self.orthographic else local[:, :2] / local[:, 2:]
+        plane = local[:, :2] if camera.orthographic else local[:, :2] / local[:, 2:]
         return plane * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
     def window(self, left: int, top: int, right: int, bottom: int) -> Seen:
@@ -56,14 +55,15 @@ def seen_by(space: Any, width: int, height: int) -> Seen:
         near = (-1 - b) / a  # along the view's z axis, which points at the viewer
         w2c[2, 3] -= near  # behind all that is seen
         clip = 0.0, -2 / a
-    camera = Camera("viewport", OPENCV_FROM_OPENGL @ w2c, *focal, *center, width, height)
-    return Seen(camera, not space.is_perspective, (float(clip[0]), float(clip[1])))
+    numbers = *focal, *center, width, height
+    camera = Camera("viewport", OPENCV_FROM_OPENGL @ w2c, *numbers, orthographic=not space.is_perspective)
+    return Seen(camera, (float(clip[0]), float(clip[1])))
 
 
 def _numbers(seen: Seen) -> tuple:
     camera = seen.camera
     numbers = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
-    return *camera.w2c.ravel().tolist(), *numbers, seen.orthographic, *seen.clip
+    return *camera.w2c.ravel().tolist(), *numbers, camera.orthographic, *seen.clip
 
 
 def rendered_part(seen: Seen, corners: np.ndarray | None, border: tuple[float, ...] | None) -> Part:

@@ -170,16 +170,16 @@ class Rendered:
 
 def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, rests: bool) -> dict[str, Any]:
     """The picture of a stage as ``dogsplat serve`` is asked for it."""
-    request = stage.request | {"orthographic": seen.orthographic, "clip": list(seen.clip)}
-    if seen.orthographic:
+    request = stage.request | {"clip": list(seen.clip)}
+    if seen.camera.orthographic:
         request["near_clip"] = 0.0  # where the camera stands says nothing
     if stage.whole:
         samples = scene.dogsplat.samples if rests else 0
-        return request | {"camera": camera_request(square(seen.camera)), "samples": samples}
+        return request | camera_request(square(seen.camera)) | {"samples": samples}
     linear = scene.dogsplat_colors == "LINEAR"
     if not scene.render.film_transparent:
         request["background"] = np.asarray(background(scene, stage.light)).tolist()
-    return request | {"camera": camera_request(seen.camera), "share": level.splats, "linear": linear}
+    return request | camera_request(seen.camera) | {"share": level.splats, "linear": linear}
 
 
 def border_of(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray | None, Any]:

@@ -55,15 +55,17 @@ def render_picture(
     film: tuple[float, float, float, float] | None = None,
     linear: bool = False,
     white: float = 1.0,
+    perspective: bool = True,
 ) -> Picture:
     """Render parameters (as ``upload`` makes them) from a camera over a grey ``background``, 0..1.
 
     ``aovs`` are names as in ``aovs.py``, whose needs are among the ``options``. ``film``: the whole image where the
-    camera sees a part of it (``DeviceCamera.upload``). ``linear``: the primitives hold linear radiance, which is
-    blended as such, over ``background`` times ``white``, and shown as ``displayed`` has it.
+    camera sees a part of it; ``perspective``: whether it is a pinhole (``DeviceCamera.upload``). ``linear``: the
+    primitives hold linear radiance, which is blended as such, over ``background`` times ``white``, and shown as
+    ``displayed`` has it.
     """
     detached = {name: dr.detach(value) for name, value in params.items()}
-    frame = rasterize(detached, DeviceCamera.upload(camera, near_clip, film=film), options)
+    frame = rasterize(detached, DeviceCamera.upload(camera, near_clip, film=film, perspective=perspective), options)
     shape = (camera.height, camera.width)
     T = frame.T.numpy().reshape(shape)
     behind = background * white if linear else background

@@ -90,11 +90,12 @@ class Answerer:
             rows = min(most, camera.height - top)
             band = Camera(camera.w2c, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.width, rows)
             film = (0.0, -float(top), float(camera.width), float(camera.height - top))
-            picture = render_picture(params, band, options, 0.0, near, names, film=film, linear=linear)
+            how = {"film": film, "perspective": not request.orthographic}
+            picture = render_picture(params, band, options, 0.0, near, names, linear=linear, **how)
             color = picture.color if picture.radiance is None else np.maximum(picture.radiance, 0)
             hole = np.zeros_like(picture.alpha)
             if masks:
-                seen = DeviceCamera.upload(band, near, film=film)
+                seen = DeviceCamera.upload(band, near, **how)
                 hole = masks.hole(params, seen, plain, None).numpy().reshape(hole.shape)
             alpha = picture.alpha - hole
             found = {"color": color, "alpha": alpha, **_planes(picture, alpha, request)}

@@ -30,17 +30,19 @@ RequestKind = TypeVar("RequestKind", bound="Request")
 class Request:
     """One picture.
 
-    model: primitives, in world space; None: a scene without splats. camera: for splats alone. scene: a description with
-    sensor, surfaces and lights. near_clip, antialiased: None is as the file of the model says. counts: how many
-    primitives each object of the model has, one after the other. passes: of ``PASSES``. transparent: nothing is shown
-    behind a scene. hide_lamps: the camera does not see shapes that emit light, though surfaces reflect them. max_depth:
-    of light paths, as in Mitsuba's ``path``. mesh_shadows: surfaces of a scene cast shadows onto the splats, see
-    ``dogpath``. holdout, indirect_only: numbers of objects that cut a hole into the picture, and that the camera looks
-    through; both are there for light.
+    model: primitives, in world space; None: a scene without splats. camera: for splats alone. orthographic: it sees
+    along parallel rays, and its focal lengths are pixels per unit. scene: a description with sensor, surfaces and
+    lights. near_clip, antialiased: None is as the file of the model says. counts: how many primitives each object of
+    the model has, one after the other. passes: of ``PASSES``. transparent: nothing is shown behind a scene. hide_lamps:
+    the camera does not see shapes that emit light, though surfaces reflect them. max_depth: of light paths, as in
+    Mitsuba's ``path``. mesh_shadows: surfaces of a scene cast shadows onto the splats, see ``dogpath``. holdout,
+    indirect_only: numbers of objects that cut a hole into the picture, and that the camera looks through; both are
+    there for light.
     """
 
     model: Path | None = None
     camera: Camera | None = None
+    orthographic: bool = False
     scene: Path | None = None
     near_clip: float | None = None
     antialiased: bool | None = None
@@ -61,6 +63,8 @@ def read_request(content: Any) -> Request:
     request = read_fields(content, Request)
     if (request.camera is None) == (request.scene is None) or (request.camera and request.model is None):
         raise DataError(SOURCE, 'has to have either "model" and "camera", or "scene"', FORMAT)
+    if request.orthographic and request.scene:
+        raise DataError(SOURCE, '"orthographic" is for "camera"', 'give the sensor of "scene" the type orthographic')
     if request.samples < 1:
         raise DataError(SOURCE, '"samples" is 0', "give at least 1")
     return request

@@ -13,14 +13,12 @@ from .request import FORMAT, SOURCE, Request, read_fields
 class ViewRequest(Request):
     """A picture for a viewport.
 
-    orthographic: the camera sees along parallel rays, and its focal lengths are pixels per unit. share: of the
-    primitives, the most important ones, where there is no scene. background: behind splats alone, sRGB values, or
-    radiance where the model is linear; None: nothing. linear: splats alone as linear radiance, not as sRGB values.
-    clip: near and far end of what is seen of a scene, world units. samples: of a scene; 0 is a picture by the light of
-    a lamp at the camera, without noise.
+    share: of the primitives, the most important ones, where there is no scene. background: behind splats alone, sRGB
+    values, or radiance where the model is linear; None: nothing. linear: splats alone as linear radiance, not as sRGB
+    values. clip: near and far end of what is seen of a scene, world units. samples: of a scene; 0 is a picture by the
+    light of a lamp at the camera, without noise.
     """
 
-    orthographic: bool = False
     share: float = 1.0
     background: tuple[float, float, float] | None = None
     linear: bool = False

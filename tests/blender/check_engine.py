@@ -215,14 +215,6 @@ def test_an_object_that_is_no_camera_is_refused(scene, by_command, make):
     assert '"window" has the type' in refusal()
 
 
-def test_an_orthographic_camera_is_refused(scene, by_command):
-    place_camera(scene, "dog")
-    load(REFERENCES / "dog.ply")
-    scene.camera.data.type = "ORTHO"
-    scene.render.engine = engine.ENGINE
-    assert "perspective" in refusal()
-
-
 def refusal() -> str:
     """What Blender reports of a render that fails, a line that it may repeat."""
     with pytest.raises(RuntimeError) as caught:

@@ -27,7 +27,7 @@ def test_one_process_serves_all_pictures_and_leaves_those_of_other_views(scene, 
         shares.append(share)
     assert len(shares) >= 1 and max(shares) < 1
     with pytest.raises(RendererError, match="none.ply: cannot be read") as caught:
-        last(live_command, {"model": "none.ply", "camera": camera_request(seen.camera)})
+        last(live_command, {"model": "none.ply", **camera_request(seen.camera)})
     assert "\n" not in str(caught.value)
     assert last(live_command, {**request, "samples": 1}).shape == (16, 24, 4)
 

@@ -7,10 +7,12 @@ from model_files import load
 from model_values import assert_equal
 from references import place_camera
 
+from blender_addon.nodes.fields import PARALLEL
 from blender_addon.nodes.groups import is_current
 from blender_addon.nodes.material import VERSION
 from blender_addon.nodes.modifier import get_input, input_property, set_input, splat_modifier, tree_name
 from blender_addon.nodes.suited import is_suited
+from blender_addon.nodes.tree import PROJECTION
 
 NAME = "Model"
 SET = {  # by tree
@@ -42,7 +44,9 @@ def edited(scene, model):
 
 
 def saved_by(version, path):
-    """The file, as that version of the add-on would have left it: its trees do nothing."""
+    """The file, as that version of the add-on would have left it: its trees do nothing, and ask for no projection."""
+    owner, key = input_property(splat_modifier(bpy.data.objects[NAME]), PROJECTION)
+    owner.driver_remove(key)
     for data in (*bpy.data.node_groups, *bpy.data.materials):
         if "dogsplat" in data:
             data["dogsplat"] = f"{data['dogsplat'].rpartition(' ')[0]} {version}"
@@ -92,6 +96,10 @@ def test_trees_of_an_older_version_give_way_and_settings_stay(scene, model, tmp_
     bpy.context.scene.frame_set(6)
     seen = splat_modifier(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
     assert get_input(seen, "Focal X") == pytest.approx(2 * before) and 0.2 < get_input(seen, "Viewport Share") < 0.8
+    bpy.context.scene.camera.data.type = "ORTHO"
+    bpy.context.view_layer.update()
+    seen = splat_modifier(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    assert get_input(seen, PROJECTION) == PARALLEL
     if hasattr(bpy.data, "colorspace"):  # from Blender 5.0 on
         bpy.ops.wm.set_working_color_space(working_space="ACEScg", convert_colors=True)
         bpy.context.view_layer.update()

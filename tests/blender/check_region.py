@@ -34,7 +34,7 @@ def test_points_are_where_blender_draws_them(space):
     """To a hundredth of a pixel, whatever the resolution and the part of the region."""
     width, height = 300, 200
     seen = seen_by(space, width, height)
-    assert seen.camera.w2c.shape == (4, 4) and seen.orthographic is not space.is_perspective
+    assert seen.camera.w2c.shape == (4, 4) and seen.camera.orthographic is not space.is_perspective
     for local in ((0.3, -0.2, -5.0), (-0.5, 0.8, -20.0), (0.1, 0.1, -90.0)):
         point = space.view_matrix.inverted() @ Vector(local)
         x, y, z, w = space.window_matrix @ Vector((*local, 1.0))

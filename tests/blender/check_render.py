@@ -83,7 +83,8 @@ def test_the_picture_stays_when_model_and_camera_move_together(scene, tmp_path, 
 
 
 @pytest.mark.parametrize("name, show_as, factor, least", [
-    ("dog", "QUADS", 1.6, 50), ("dog", "QUADS", -1.0, 50), ("plain", "ELLIPSOIDS", 1.6, 20)
+    ("dog", "QUADS", 1.6, 50), ("dog", "QUADS", -1.0, 50),
+    ("plain", "ELLIPSOIDS", 1.6, 26), ("plain", "ELLIPSOIDS", -1.0, 26),
 ])  # fmt: skip
 def test_a_model_stretched_or_mirrored_across_the_view_is_what_another_lens_saw(
     scene, tmp_path, name, show_as, factor, least
@@ -106,8 +107,9 @@ def test_a_model_stretched_or_mirrored_across_the_view_is_what_another_lens_saw(
 
 
 def test_ellipsoids_are_near_the_splatting_picture_of_few_overlaps(scene, tmp_path):
-    """They are sorted where rays enter them, not by centre, and seen in perspective: near, not equal."""
-    assert compare(scene, "plain", "CYCLES", tmp_path, show_as="ELLIPSOIDS") > 20
+    """They are sorted where rays enter them, not by centre, and seen in perspective: near, not equal. A ray meets each
+    twice, which counts once."""
+    assert compare(scene, "plain", "CYCLES", tmp_path, show_as="ELLIPSOIDS") > 26
 
 
 def test_points_are_rendered(scene, tmp_path):

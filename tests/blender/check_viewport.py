@@ -69,14 +69,14 @@ def test_a_view_has_the_intrinsics_of_the_camera_that_it_looks_through(scene, mo
 def test_an_orthographic_view_sees_points_where_blender_draws_them():
     pose = Matrix.Translation((1, 2, 3)) @ Matrix.Rotation(0.7, 4, (1, 2, 3))
     projection = Matrix(((0.4, 0, 0, 0.1), (0, 0.6, 0, -0.2), (0, 0, -0.01, 0), (0, 0, 0, 1)))
-    space = SimpleNamespace(view_matrix=pose.inverted(), window_matrix=projection, is_perspective=False,
-                            view_location=pose @ Vector((0, 0, -5)))  # fmt: skip
+    space = SimpleNamespace(view_matrix=pose.inverted(), window_matrix=projection, is_perspective=False)
     view = view_of(space, 300, 200)
+    assert view.parallel
     for point in ((0.3, -0.2, -5.0), (-0.5, 0.8, -5.2)):
         clip = projection @ Vector((*point, 1.0))
         local = Matrix(view.matrix).inverted() @ (pose @ Vector(point))
-        pixel = [f * p / -local.z + c for f, p, c in zip(view.focal, (local.x, -local.y), view.center, strict=True)]
-        assert np.allclose(pixel, (150 * (1 + clip.x), 100 * (1 - clip.y)), atol=0.1)
+        pixel = [f * p + c for f, p, c in zip(view.focal, (local.x, -local.y), view.center, strict=True)]
+        assert np.allclose(pixel, (150 * (1 + clip.x), 100 * (1 - clip.y)), atol=1e-3)
 
 
 def test_quads_and_colors_made_for_a_view_are_those_of_a_camera_there(scene, model):

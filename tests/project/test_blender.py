@@ -31,7 +31,7 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.radiance import brightened
 from own_axes_models import KINDS, SHIFTED
-from splat_scenes import random_splats, rounded, square_camera, tilted_camera
+from splat_scenes import make_splats, random_splats, rounded, square_camera, tilted_camera
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -46,16 +46,21 @@ DEFAULT = ROOT / ".venv-blender" / "bin" / "python"
 OTHERS = sorted(ROOT.glob(".venv-blender-*/bin/python"))
 NAMED = os.environ.get("DOGSPLAT_BLENDER_PYTHONS")
 PYTHONS = [DEFAULT, *OTHERS] if NAMED is None else [Path(p) for p in NAMED.split(os.pathsep) if p]
+TOWARDS = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -2.5], [0, 0, 0, 1.0]])  # of a camera, by 2.5
 DOWNSCALE = 4  # of the photographs: EEVEE runs in software here
 
 
-def reference(folder: Path, name: str, splats, camera: Camera) -> None:
-    """A model, a camera and the picture that our integrator makes of them."""
+def reference(folder: Path, name: str, splats, camera: Camera, parallel: bool = False) -> None:
+    """A model, a camera and the picture that our integrator makes of them.
+
+    Of parallel rays focal lengths are in pixels per unit, and there is no near clip.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     write_ply(folder / f"{name}.ply", splats)
     write_camera(folder / f"{name}.json", camera)
     options = RasterOptions(sh_degree=splats.sh_degree, depth=True)
-    picture = render_picture(upload(splats), camera, options)
+    near = 0.0 if parallel else 0.2
+    picture = render_picture(upload(splats), camera, options, near_clip=near, perspective=not parallel)
     np.savez(folder / f"{name}.npz", color=picture.color, alpha=picture.alpha, depth=np.asarray(picture.depth))
 
 
@@ -93,6 +98,13 @@ def references(tmp_path_factory) -> Path:
     np.savez(folder / "linear.npz", radiance=np.asarray(picture.radiance))
     np.savez(folder / "spz.npz", **vars(read_model(folder / "plain.spz").splats))
     reference(folder, "square", dog, square_camera(96, 64, 90.0))
+    wide = tilted_camera(96, 64, 24.0, cx=40.0, cy=36.0)
+    wide = replace(wide, w2c=TOWARDS @ wide.w2c)  # among the splats
+    reference(folder, "parallel", dog, wide, parallel=True)
+    reference(folder, "parallel_plain", dog.plain(), wide, parallel=True)
+    around = make_splats([(0.2, 0.1, -1.5), (8, 0.5, -4), (-4, 2, 30)], 1e-4, 0.5, np.eye(3))
+    write_ply(folder / "around.ply", rounded(around))
+    reference(folder, "square_parallel", dog, square_camera(96, 64, 24.0), parallel=True)
     if SHARED.is_dir():
         playbot = read_ply(SHARED / "models" / "playbot_lod2_sh2.ply")
         reference(folder, "playbot", playbot, automatic_camera(playbot).downscaled(DOWNSCALE))

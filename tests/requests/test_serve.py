@@ -25,6 +25,7 @@ from mi_dogsplat.requests.request import Request, read_request
 from mi_dogsplat.requests.scene_description import load_scene
 from mi_dogsplat.requests.serve import Lines, serve
 from mi_dogsplat.requests.view_request import ViewRequest
+from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
 from scene_requests import answered, camera_json, matrix
@@ -80,6 +81,20 @@ def test_splats_alone_are_the_picture_of_the_command(folder):
     covered = picture["alpha"] > 0
     np.testing.assert_array_equal(picture["matte"][covered][:, 0, 0], picture["object"][covered])
     np.testing.assert_allclose(picture["matte"][covered][:, 0, 1], picture["alpha"][covered], atol=1e-6)
+
+
+def test_splats_alone_along_parallel_rays_have_a_hole_where_a_holdout_is(folder):
+    """Bands and the share of holdouts see what the picture sees."""
+    camera = Camera(CAMERA.w2c, 6.0, 6.0, 11.0, 9.5, WIDTH, HEIGHT)
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(camera), "orthographic": True}
+    request |= {"near_clip": 0.0, "counts": [20, 20]}
+    options = RasterOptions(sh_degree=SPLATS.sh_degree)
+    expected = render_picture(upload(SPLATS), camera, options, near_clip=0.0, perspective=False)
+    assert expected.color.std() > 0.05
+    np.testing.assert_allclose(answered(request)["color"], expected.color, atol=1e-5)
+    held = answered({**request, "holdout": [0]})
+    np.testing.assert_allclose(held["alpha"] + held["hole"], expected.alpha, atol=1e-5)
+    assert held["hole"].max() > 0.2
 
 
 def test_a_linear_model_is_radiance_alone_and_in_a_scene(folder):
@@ -152,7 +167,8 @@ def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
     good = {"out": out, "model": model, "camera": camera_json(CAMERA)}
     wrong = [
         {"model": model}, {**good, "camera": None}, {**good, "pases": []}, {**good, "passes": ["detph"]}, [1],
-        {**good, "model": "none.ply"}, {"out": out, "scene": "none.json"}, {**good, "scene": "scene.json"},
+        {**good, "model": "none.ply"}, {"out": out, "scene": "none.json"},
+        {"out": out, "scene": str(folder / "scene.json"), "orthographic": True}, {**good, "scene": "scene.json"},
         {**good, "out": "a\0.npz"}, {**good, "out": "a\0.rgba"}, {**good, "out": "\ud800.npz"},
         {**good, "camera": {**camera_json(CAMERA), "width": 200_000}},
     ]  # fmt: skip
