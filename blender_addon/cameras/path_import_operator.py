@@ -11,6 +11,7 @@ from mathutils import Matrix
 
 from ..files.errors import FileError, told
 from ..objects.attributes import is_splats
+from ..objects.conventions import placement
 from ..translations import OWN
 from .objects import build_camera, look_through, picture_size
 from .path_file import PathKey, read_path
@@ -40,7 +41,7 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         model = context.view_layer.objects.active
-        matrix = model.matrix_world.copy() if is_splats(model) else Matrix.Identity(4)
+        matrix = Matrix(placement(model)) if is_splats(model) else Matrix.Identity(4)
         obj = build_camera(scene.collection, keys[0].camera, matrix, str(path), False)
         obj.name = obj.data.name = path.stem
         rate, start = scene.render.fps / scene.render.fps_base, scene.frame_start

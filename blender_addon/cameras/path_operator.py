@@ -12,8 +12,11 @@ from bpy.props import IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..files.errors import told
+from ..files.linear_map import is_similarity
+from ..files.transform import mean_scale
 from ..files.whole import write_whole
 from ..objects.attributes import has_splats
+from ..objects.conventions import placement
 from .objects import pinhole_numbers
 
 PINHOLE = ("fx", "fy", "cx", "cy", "width", "height")
@@ -45,7 +48,7 @@ class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
             keys = []
             for frame in frames:
                 scene.frame_set(frame)
-                matrix = np.array(model.matrix_world if model else np.eye(4), np.float64)
+                matrix = placement(model) if model else np.eye(4)
                 keys.append({"time": (frame - frames[0]) / rate, **_key(scene, matrix)})
             write_whole(Path(self.filepath), [(json.dumps({"keys": keys}, indent=1) + "\n").encode()])
         except ValueError as error:  # FileError too
@@ -69,10 +72,9 @@ def _model(context: bpy.types.Context) -> bpy.types.Object | None:
 def _key(scene: bpy.types.Scene, matrix: np.ndarray) -> dict[str, Any]:
     """The camera as in a camera file; ``matrix`` [4, 4] goes from coordinates of the model to Blender's."""
     camera = pinhole_numbers(scene, scene.camera)
-    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
-    if scale <= 0 or not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
+    if not is_similarity(matrix[:3, :3]):
         problem = "the model is mirrored, sheared or scaled unevenly: no camera sees that; apply its transform"
         raise ValueError(told(problem))
     w2c = camera.w2c @ matrix
-    w2c[:3] /= scale
+    w2c[:3] /= mean_scale(matrix[:3, :3])
     return {"w2c": w2c.tolist(), **{name: getattr(camera, name) for name in PINHOLE}}

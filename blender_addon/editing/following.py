@@ -2,7 +2,8 @@
 
 Apply Transform, Join, and turning or scaling in edit mode change the positions of vertices and nothing else. So every
 splat also has the position at which its other attributes were right. Where the two differ by one linear transform,
-orientations, sizes and spherical harmonics follow it. So do the limits of a model that was scaled as a whole.
+orientations, sizes and spherical harmonics follow it. So do, where all of a model went through it, its limits and the
+place of the cameras of its file.
 """
 
 from __future__ import annotations
@@ -18,21 +19,27 @@ from ..files.motion import is_rounding, is_shift, motions
 from ..files.transform import mean_scale, transformed
 from ..nodes.modifier import scale_limits
 from ..objects.attributes import get_positions, is_splats, put_positions, read_attributes, write_attributes
+from ..objects.conventions import note_applied
 from ..preferences import follows_vertices
 
 
-def follow_vertices(mesh: bpy.types.Mesh) -> float:
-    """Put the splats of a mesh right whose vertices were moved since then; by how much all of it was scaled, else 1."""
+def follow_vertices(mesh: bpy.types.Mesh) -> np.ndarray:
+    """Put the splats of a mesh right whose vertices were moved since then; the [4, 4] that all of it went through, or
+    the identity."""
     found = get_positions(mesh)
     if found is None or np.array_equal(*found):
-        return 1.0
+        return np.eye(4)
     before, after = found
     turned: list[tuple[np.ndarray, np.ndarray]] = []
+    whole = np.eye(4)
     for rows, matrix in motions(before, after):
         if is_rounding(before[rows], after[rows]):
             after[rows] = before[rows]
-        elif not is_shift(matrix):
+            continue
+        if not is_shift(matrix):
             turned.append((rows, matrix))
+        if len(rows) == len(after):
+            whole = matrix
     put_positions(mesh, after)
     if turned:
         model = read_attributes(mesh)
@@ -40,8 +47,7 @@ def follow_vertices(mesh: bpy.types.Mesh) -> float:
             _replace(model, rows, transformed(model.select(rows), matrix))
         model.means = after
         write_attributes(mesh, model)
-    whole = len(turned) == 1 and len(turned[0][0]) == len(after)
-    return mean_scale(turned[0][1][:3, :3]) if whole else 1.0
+    return whole
 
 
 def _replace(model: Model, rows: np.ndarray, part: Model) -> None:
@@ -59,8 +65,9 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
                if update.is_updated_geometry and isinstance(update.id, bpy.types.Object)]  # fmt: skip
     for obj in changed:
         if is_splats(obj) and obj.mode == "OBJECT" and obj.data.library is None:
-            factor = follow_vertices(obj.data)
-            if factor != 1:
+            matrix = follow_vertices(obj.data)
+            if not np.array_equal(matrix, np.eye(4)):
                 for user in bpy.data.objects:
                     if user.data == obj.data and user.library is None:
-                        scale_limits(user, factor)
+                        scale_limits(user, mean_scale(matrix[:3, :3]))
+                        note_applied(user, matrix)

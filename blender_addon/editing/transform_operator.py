@@ -11,6 +11,7 @@ from ..files.model import Model
 from ..files.transform import mean_scale, transformed
 from ..nodes.modifier import scale_limits
 from ..objects.attributes import can_edit, own_data, read_attributes, write_attributes
+from ..objects.conventions import note_applied
 from .stand_in import check_painting, finish_painting
 
 
@@ -42,8 +43,10 @@ class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
         places |= {obj: Matrix.Identity(4) for obj in objects}
         for obj, model in zip(objects, models, strict=True):
             own_data(obj)
+            matrix = np.array(obj.matrix_world, np.float64)
             write_attributes(obj.data, model)
-            scale_limits(obj, mean_scale(np.array(obj.matrix_world, np.float64)[:3, :3]))
+            scale_limits(obj, mean_scale(matrix[:3, :3]))
+            note_applied(obj, matrix)
         for obj in sorted(places, key=_depth):  # whom a matrix is relative to comes first
             _place(context, obj, places[obj])
         return {"FINISHED"}

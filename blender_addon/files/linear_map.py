@@ -28,6 +28,12 @@ def flattens(linear: NDArray) -> bool:
     return not sizes[-1] > FLATTEST * sizes[0]
 
 
+def is_similarity(linear: NDArray) -> bool:
+    """Whether a [3, 3] turns and scales evenly, and mirrors nothing."""
+    scale = np.cbrt(np.linalg.det(linear))
+    return bool(scale > 0 and np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2))
+
+
 def check_regular(linear: NDArray) -> None:
     """Raise ``ValueError`` for a [3, 3] map that flattens."""
     if flattens(linear):

@@ -7,9 +7,11 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..files.light import Light
+from ..files.linear_map import is_similarity
 from ..files.said import Said
 
 SOURCE, CONVENTION, IMPORT_MATRIX = "dogsplat_source", "dogsplat_convention", "dogsplat_import_matrix"
+APPLIED = "dogsplat_applied"  # from coordinates of the file to those of the mesh, once a transform was applied
 SAID = "dogsplat_said"  # what the file says on how its model is drawn
 LINEAR, WHITE = "dogsplat_linear", "dogsplat_white"  # of models in linear radiance only
 DOG_COUNT = "dogsplat_dog_count"  # of the model as it was imported
@@ -70,5 +72,26 @@ def light_of(obj: bpy.types.Object) -> Light:
 
 def import_matrix(obj: bpy.types.Object) -> np.ndarray:
     """[4, 4] from coordinates of the file to Blender's; the identity for objects from elsewhere."""
-    values = obj.get(IMPORT_MATRIX)
+    return _matrix(obj, IMPORT_MATRIX)
+
+
+def placement(obj: bpy.types.Object) -> np.ndarray:
+    """[4, 4] from coordinates of the file to Blender's as the object is placed now."""
+    return np.array(obj.matrix_world, np.float64) @ _matrix(obj, APPLIED)
+
+
+def note_applied(obj: bpy.types.Object, matrix: np.ndarray) -> None:
+    """Remember that all splats of an object went through a [4, 4], so that cameras of its file still fit.
+
+    No camera of the file sees a model that is stretched or mirrored. Those that fit are of the file that it would be
+    exported to.
+    """
+    applied = matrix @ _matrix(obj, APPLIED)
+    if not is_similarity(applied[:3, :3]):
+        applied = import_matrix(obj)
+    obj[APPLIED] = applied.ravel().tolist()
+
+
+def _matrix(obj: bpy.types.Object, name: str) -> np.ndarray:
+    values = obj.get(name)
     return np.array(list(values), np.float64).reshape(4, 4) if values is not None else np.eye(4)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from edits import PLACED
-from mathutils import Vector
-from model_files import load
+from mathutils import Matrix, Vector
+from model_files import export, load
 from package_command import COMMAND, SECONDS
 
 from blender_addon.objects.attributes import read_attributes
@@ -57,6 +57,42 @@ def test_every_key_sees_the_model_as_the_camera_does(scene, animated, tmp_path):
         seen = [world_to_camera_view(scene, scene.camera, animated.matrix_world @ Vector(p)) for p in points]
         expected = np.array([(s.x * key["width"], (1 - s.y) * key["height"]) for s in seen])
         np.testing.assert_allclose(pixels, expected, atol=1e-2)
+
+
+@pytest.mark.parametrize("apply", ["dogsplat.apply_transform", "object.transform_apply"])
+def test_a_path_fits_the_file_of_a_model_whose_transform_was_applied(scene, animated, tmp_path, apply):
+    """Then it is moved once more. A path that comes back is the camera that went out."""
+    before = exported(tmp_path)
+    own, _, name = apply.partition(".")
+    assert getattr(getattr(bpy.ops, own), name)() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert np.allclose(np.array(animated.matrix_world), np.eye(4))
+    for key, expected in zip(exported(tmp_path), before, strict=True):
+        np.testing.assert_allclose(key["w2c"], expected["w2c"], atol=1e-4)
+    moved = Matrix.Rotation(0.5, 4, "X") @ Matrix.Translation((1, 2, 3))
+    animated.matrix_world = moved
+    camera = scene.camera
+    assert bpy.ops.import_scene.dogsplat_path(filepath=str(tmp_path / "keys.json")) == {"FINISHED"}
+    scene.frame_set(FRAMES[1])
+    np.testing.assert_allclose(np.array(scene.camera.matrix_world), np.array(moved @ camera.matrix_world), atol=1e-4)
+
+
+def test_a_stretched_model_whose_transform_was_applied_has_the_path_of_its_export(scene, animated, tmp_path):
+    """As the line of a refused export says."""
+    animated.scale = (1, 2, 1)
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match="apply its transform"):
+        exported(tmp_path)
+    bpy.ops.dogsplat.apply_transform()
+    bpy.context.view_layer.update()
+    keys = exported(tmp_path)
+    scene.frame_set(FRAMES[0])
+    seen = world_to_camera_view(scene, scene.camera, Vector(read_attributes(animated.data).means[0]))
+    point = export(tmp_path / "applied.ply").means[0].astype(np.float64)
+    w2c = np.array(keys[0]["w2c"])
+    x, y, z = w2c[:3, :3] @ point + w2c[:3, 3]
+    pixel = x / z * keys[0]["fx"] + keys[0]["cx"], y / z * keys[0]["fy"] + keys[0]["cy"]
+    assert pixel == pytest.approx((seen.x * keys[0]["width"], (1 - seen.y) * keys[0]["height"]), abs=1e-2)
 
 
 def test_steps_end_with_the_last_frame(animated, tmp_path):

@@ -92,14 +92,18 @@ def test_any_camera_of_blender_has_the_intrinsics_that_the_nodes_are_told(scene,
         assert get_input(modifier, name) == pytest.approx(getattr(numbers, key), rel=1e-5)
 
 
-@pytest.mark.parametrize("up_axis", ["Z", "-Z", "Y", "-Y"])
-def test_cameras_follow_the_model(odd, scene, model, up_axis):
+@pytest.mark.parametrize("up_axis, applied", [("Z", False), ("-Z", False), ("Y", False), ("-Y", False), ("-Y", True)])
+def test_cameras_follow_the_model(odd, scene, model, up_axis, applied):
+    """Also where its transform became part of the splats."""
     folder, camera = odd
     obj = load(model, up_axis=up_axis, scale=3.0)
+    placed = obj.matrix_world.copy()
+    if applied:
+        bpy.ops.dogsplat.apply_transform()
     bpy.ops.import_scene.dogsplat_cameras(filepath=str(folder))
     w2c = np.array(camera["w2c"])
     points = points_before(w2c)
-    moved = [obj.matrix_world @ Vector(p) for p in points]
+    moved = [placed @ Vector(p) for p in points]
     expected = projected(w2c, *(camera[k] for k in ("fx", "fy", "cx", "cy")), points)
     assert np.abs(blender_pixels(scene, scene.camera, moved) - expected).max() < 2e-2
 
