@@ -31,6 +31,8 @@ def light(export: Export, obj: bpy.types.Object, world: np.ndarray, size: float)
     color = _color(export, data)
     if not color.any() or _is_portal(data):
         return None
+    if not data.use_shadow:
+        export.note('"{light}": a light without shadows casts them here', light=data.name)
     if data.type == "SUN":
         return _sun(data, color, world, size)
     if data.type == "SPOT":

@@ -22,6 +22,8 @@ def world_light(export: Export, world: bpy.types.World | None) -> Plugin | None:
     if tree is None:
         return _constant(from_working(world.color))
     output = output_of(tree)
+    if output is not None and reader.source(output.inputs["Volume"]) is not None:
+        reader.note("its volume is left out")
     source = reader.source(output.inputs["Surface"]) if output else None
     if source is None:
         return None

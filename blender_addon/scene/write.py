@@ -117,12 +117,16 @@ def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
 
 
 def _note_rays(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> None:
-    """Say which objects, splats among them, Cycles would not show to all rays; what cameras see is a mask."""
+    """Say which objects, splats among them, Cycles would not show to all rays or all lights; what cameras see is a
+    mask."""
     for obj in (obj for obj in depsgraph.objects if obj.name_full not in hidden):
         if obj.is_shadow_catcher and obj.type != "LIGHT":  # what all lights are
             export.note('"{name}": a shadow catcher is drawn as any other object', name=obj.name)
         if not all(getattr(obj, name) for name in RAYS):
             export.note('"{name}": Ray Visibility holds for the camera alone', name=obj.name)
+        linking = obj.light_linking
+        if linking.receiver_collection or linking.blocker_collection:
+            export.note('"{name}": its light linking is left out', name=obj.name)
 
 
 def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> Gathered:
@@ -148,10 +152,17 @@ def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[st
             body = Placed(obj.original.name, key, world, materials, mask)
             (metaballs if obj.type == "META" else found.bodies).append(body)
             listed.add(obj.original.name if obj.type != obj.original.type else "")
+            if any(_is_hair(system.settings) for system in obj.particle_systems):
+                export.note('"{name}": its hair is left out', name=obj.original.name)
         elif obj.type in WITHOUT:
             export.note('"{name}" is left out ({kind})', name=obj.original.name, kind=type_name(obj))
     found.bodies += [body for body in metaballs if body.name not in listed]  # where Blender has no mesh of it
     return found
+
+
+def _is_hair(settings: bpy.types.ParticleSettings) -> bool:
+    """Whether strands are drawn; what particles repeat is instances."""
+    return settings.type == "HAIR" and settings.render_type == "PATH"
 
 
 def _material_of(body: Placed, part: Part) -> bpy.types.Material | None:

@@ -38,6 +38,9 @@ NOTES = {
     'the mapping "{mapping}" is left out': "das Mapping „{mapping}“ wird weggelassen",
     # Materials
     "its displacement is left out": "sein Displacement wird weggelassen",
+    '"{name}": its light linking is left out': "„{name}“: sein Light Linking wird weggelassen",
+    '"{name}": its hair is left out': "„{name}“: seine Haare werden weggelassen",
+    '"{light}": a light without shadows casts them here': "„{light}“: ein Licht ohne Schatten wirft hier welche",
     "its volume is left out": "sein Volumen wird weggelassen",
     'the shader "{node}" has no counterpart in Mitsuba; drawn in the color of the viewport': (
         "der Shader „{node}“ hat kein Gegenstück in Mitsuba; gezeichnet in der Farbe des Ansichtsfensters"

@@ -6,7 +6,7 @@ import bpy
 import pytest
 from blender_pictures import with_alpha
 from model_files import load
-from surroundings import GREY, body, camera, image, light, material, plane, sphere
+from surroundings import GREY, background, body, camera, image, light, link, material, plane, sphere
 
 from blender_addon.cameras.objects import camera_numbers
 from blender_addon.engine.settings import ENGINE
@@ -67,6 +67,26 @@ def test_a_shadow_catcher_and_rays_that_are_not_told_apart_are_said(scene, model
     notes = written(scene, tmp_path)[0].notes
     assert len(notes) == 3 and f'"{wall.name}": a shadow catcher is drawn as any other object' in notes
     assert {f'"{obj.name}": Ray Visibility holds for the camera alone' for obj in (lamp, splats)} < set(notes)
+
+
+def test_hair_fog_light_linking_and_lights_without_shadows_are_said(scene, tmp_path):
+    """Once each, and particles that are no hair are not."""
+    camera(scene, (0, 0, 8))
+    wall, lamp, linked = plane(2), light(scene, "POINT", energy=10), light(scene, "SUN", energy=1)
+    for kind in ("EMITTER", "HAIR"):
+        wall.modifiers.new(kind, "PARTICLE_SYSTEM").particle_system.settings.type = kind
+    lamp.data.use_shadow = False
+    linked.light_linking.receiver_collection = bpy.data.collections.new("receivers")
+    background(scene)
+    world = scene.world
+    output = next(node for node in world.node_tree.nodes if node.type == "OUTPUT_WORLD")
+    link(world.node_tree, "ShaderNodeVolumeScatter", "Volume", output.inputs["Volume"])
+    assert sorted(written(scene, tmp_path)[0].notes) == sorted([
+        f'"{wall.name}": its hair is left out',
+        f'"{linked.name}": its light linking is left out',
+        f'"{lamp.data.name}": a light without shadows casts them here',
+        f'"{world.name}": its volume is left out',
+    ])  # fmt: skip
 
 
 @pytest.mark.parametrize("source, word", [("TILED", "tiles"), ("SEQUENCE", "frames"), ("FILE", "")])
