@@ -18,7 +18,14 @@ from ..files.model import Model
 from ..files.motion import is_rounding, is_shift, motions
 from ..files.transform import mean_scale, transformed
 from ..nodes.modifier import scale_limits
-from ..objects.attributes import get_positions, is_splats, put_positions, read_attributes, write_attributes
+from ..objects.attributes import (
+    get_positions,
+    is_splats,
+    put_positions,
+    read_attributes,
+    spread_ranks,
+    write_attributes,
+)
 from ..objects.conventions import note_applied
 from ..preferences import follows_vertices
 
@@ -59,13 +66,13 @@ def _replace(model: Model, rows: np.ndarray, part: Model) -> None:
 @persistent
 def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """After every change, for the objects whose geometry it was."""
-    if not follows_vertices(bpy.context):
-        return
+    follows = follows_vertices(bpy.context)
     changed = [update.id.original for update in depsgraph.updates
                if update.is_updated_geometry and isinstance(update.id, bpy.types.Object)]  # fmt: skip
     for obj in changed:
         if is_splats(obj) and obj.mode == "OBJECT" and obj.data.library is None:
-            matrix = follow_vertices(obj.data)
+            spread_ranks(obj.data)  # some may be deleted, doubled or joined
+            matrix = follow_vertices(obj.data) if follows else np.eye(4)
             if not np.array_equal(matrix, np.eye(4)):
                 for user in bpy.data.objects:
                     if user.data == obj.data and user.library is None:

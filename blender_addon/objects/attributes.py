@@ -79,9 +79,15 @@ def importance_ranks(model: Model) -> np.ndarray:
 
 
 def spread_ranks(mesh: bpy.types.Mesh) -> None:
-    """Give what is left of a model ranks from 0 on again, in its order, so that a share is a share of what is left."""
-    if RANK in mesh.attributes:
-        put_column(mesh, RANK, _shares_before(get_column(mesh, RANK, 1)[:, 0]))
+    """Give what is left of a model ranks from 0 on again, in its order, so that a share is a share of what is left.
+
+    Ranks end at one less than their number, as a share of it. So those that end elsewhere are of other splats.
+    """
+    if RANK not in mesh.attributes or not mesh.vertices:
+        return
+    ranks, n = get_column(mesh, RANK, 1)[:, 0], len(mesh.vertices)
+    if ranks.max() != np.float32((n - 1) / n):
+        put_column(mesh, RANK, _shares_before(ranks))
 
 
 def _shares_before(values: np.ndarray) -> np.ndarray:

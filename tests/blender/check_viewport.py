@@ -55,6 +55,20 @@ def test_what_applied_edits_leave_is_ranked_anew(model):
     assert (np.diff(importance(left)[np.argsort(ranks)]) <= 0).all()
 
 
+def test_what_is_left_in_edit_mode_is_ranked_anew(model):
+    """Of the most important half that was deleted, a share of a half showed none of the rest."""
+    obj = load(model)
+    before = get_column(obj.data, RANK, 1)[:, 0]
+    obj.data.vertices.foreach_set("select", before < 0.5)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.delete(type="VERT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    ranks = get_column(obj.data, RANK, 1)[:, 0]
+    assert np.array_equal(np.sort(ranks), np.arange(75, dtype=np.float32) / np.float32(75))
+    assert np.array_equal(np.argsort(ranks), np.argsort(before[before >= 0.5]))
+
+
 def test_a_view_has_the_intrinsics_of_the_camera_that_it_looks_through(scene, model):
     place_camera(scene, "dog")
     obj = load(model)
