@@ -63,8 +63,8 @@ def has_surroundings(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> 
 
 @dataclass
 class Written:
-    """scene: the name of its file. names, masks: of the objects, by their numbers. hide_lamps: no camera sees lamps,
-    and nothing else that shines would be hidden with them. files: in the folder, that of the scene among them."""
+    """scene: the name of its file. names, masks: of the objects, by their numbers. hide_lamps: there are some that
+    cameras would see, and in Blender see none of. files: in the folder, that of the scene among them."""
 
     scene: str
     names: list[str]
@@ -105,9 +105,8 @@ def write_scene(
         described["world"] = emitter
     name = export.write(json.dumps(described).encode(), ".json")
     are_shapes = any("emitter" in plugin for name, plugin in described.items() if name.startswith(LAMP))
-    shines = any(look.radiance for look in looks.values())
     names, masks = ([known[k] for known in objects] for k in (0, 1))
-    return Written(name, names, masks, are_shapes and not shines, export.files, export.notes)
+    return Written(name, names, masks, are_shapes, export.files, export.notes)
 
 
 def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:

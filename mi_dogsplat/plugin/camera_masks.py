@@ -20,7 +20,7 @@ from ..engine.rasterize import Frame, rasterize
 from ..scene.row_groups import CURVATURES, SH, SLOPES
 from ..scene.sh_basis import C0
 from .drawn import Drawn
-from .surfaces import Surfaces
+from .surfaces import Surfaces, emits
 
 NO_OPACITY = -100.0  # as a logit: far below what is drawn
 CHANNEL = "holdout.Y"  # share of a pixel that holdouts cover
@@ -57,11 +57,12 @@ class SplatMasks:
 @dataclass(frozen=True)
 class CameraMasks:
     """Of a scene: its primitives (None: all are seen), and of surfaces what is told of a
-    ``mi.PreliminaryIntersection3f``; none is both."""
+    ``mi.PreliminaryIntersection3f``; none is both. lamps: the emitters that a camera passes which sees none of them."""
 
     splats: SplatMasks | None
     unseen: Callable[[Any], mi.Bool]
     holdout: Callable[[Any], mi.Bool]
+    lamps: Callable[[Any], mi.Bool] = emits
 
     def passed(self, also: Callable[[Any], mi.Bool] | None) -> Callable[[Any], mi.Bool]:
         """What rays of the camera pass, as ``surfaces.meet`` asks: what is unseen, and what they pass without masks."""

@@ -200,7 +200,8 @@ class SplatIntegrator(ADIntegrator):
         drawn = Drawn(scene, view_pass, params, aovs.options_for(self.aovs, options), drawn_as.linear, derivative)
         seen = None
         if self.sees_surfaces(scene):
-            passed = surfaces.emits if self.hidden_lights() else None
+            lamps = self.masks.lamps if self.masks else surfaces.emits
+            passed = lamps if self.hidden_lights() else None
             passed = self.masks.passed(passed) if self.masks else passed
             seen = surfaces.meet(scene, view_pass, normal="normal" in self.aovs, passed=passed)
         last = None if seen else self._last  # it does not know depths from before

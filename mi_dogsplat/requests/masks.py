@@ -37,13 +37,19 @@ def splat_masks(request: Request, n: int, chosen: np.ndarray | None = None) -> S
     return SplatMasks(mi.Bool(unseen), mi.Bool(holdout), bool(holdout.any())) if (unseen | holdout).any() else None
 
 
+def hides_lamps(request: Request) -> bool:
+    """Whether the camera sees no lamps; objects that shine are none."""
+    return request.hide_lamps or request.transparent
+
+
 def camera_masks(request: Request, scene: mi.Scene, n: int) -> CameraMasks | None:
-    """Of a scene with ``n`` primitives; None where all is seen. Raises as ``splat_masks``."""
-    if not is_masked(request):
-        return None
+    """Of a scene with ``n`` primitives; None where all is seen but what a camera passes that sees no emitters. Raises
+    as ``splat_masks``."""
     objects = SurfaceObjects(scene)
+    if not (is_masked(request) or (hides_lamps(request) and objects.shine)):
+        return None
     unseen = _Among(objects, set(request.indirect_only) - set(request.holdout))
-    return CameraMasks(splat_masks(request, n), unseen, _Among(objects, request.holdout))
+    return CameraMasks(splat_masks(request, n), unseen, _Among(objects, request.holdout), objects.is_lamp)
 
 
 class _Among:

@@ -9,8 +9,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..plugin.surfaces import emits
 from .mattes import NOTHING
 
+AREA_LIGHTS = ("area", "directionalarea")  # emitters that are a part of a shape
 OBJECT = "object_"  # begins the id of a shape that is one, and its number follows: object_3, object_3_glass
 
 
@@ -20,8 +22,15 @@ def object_of_primitive(index: np.ndarray, counts: Sequence[int]) -> np.ndarray:
     return np.where(index >= 0, np.searchsorted(ends, index, side="right"), NOTHING).astype(np.int32)
 
 
+def objects_shine(described: dict[str, Any]) -> bool:
+    """Whether a shape that is an object emits light, in a dictionary for ``mi.load_dict``."""
+    objects = [plugin for name, plugin in described.items() if name.startswith(OBJECT)]
+    parts = [part for plugin in objects if isinstance(plugin, dict) for part in plugin.values()]
+    return any(isinstance(part, dict) and part.get("type") in AREA_LIGHTS for part in parts)
+
+
 class SurfaceObjects:
-    """The numbers of the shapes of a scene, by their ids."""
+    """The numbers of the shapes of a scene, by their ids. shine: whether one of these emits light."""
 
     def __init__(self, scene: mi.Scene):
         numbers: dict[int, int] = {0: NOTHING}
@@ -33,6 +42,11 @@ class SurfaceObjects:
         values = np.full(max(numbers) + 1, NOTHING, np.int32)
         values[list(numbers)] = list(numbers.values())
         self._numbers, self.largest = mi.Int32(values), max(int(values.max()), 0)
+        self.shine = any(shape.is_emitter() and shape.id().startswith(OBJECT) for shape in scene.shapes())
+
+    def is_lamp(self, meeting: Any) -> mi.Bool:
+        """Whether the shape that it is of emits light and is no object."""
+        return emits(meeting) & (self.number(meeting) == NOTHING)
 
     def number(self, meeting: Any) -> mi.Int32:
         """Of the shape that a ``mi.PreliminaryIntersection3f`` is of; an instance counts for what it repeats."""

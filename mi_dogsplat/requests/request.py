@@ -34,7 +34,8 @@ class Request:
     along parallel rays, and its focal lengths are pixels per unit. scene: a description with sensor, surfaces and
     lights. near_clip, antialiased: None is as the file of the model says. counts: how many primitives each object of
     the model has, one after the other. passes: of ``PASSES``. transparent: nothing is shown behind a scene. hide_lamps:
-    the camera does not see shapes that emit light, though surfaces reflect them. max_depth: of light paths, as in
+    the camera does not see shapes that emit light and are no objects by their ids, though surfaces
+    reflect them; neither does that of a transparent scene. max_depth: of light paths, as in
     Mitsuba's ``path``. mesh_shadows: surfaces of a scene cast shadows onto the splats, see ``dogpath``. holdout,
     indirect_only: numbers of objects that cut a hole into the picture, and that the camera looks through; both are
     there for light.

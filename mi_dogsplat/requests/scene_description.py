@@ -17,7 +17,8 @@ from ..support.errors import DataError
 from ..support.files import read_json
 from ..support.scene_errors import scene_error
 from ..support.threads import threads_to_load
-from .masks import camera_masks, is_masked
+from .masks import camera_masks, hides_lamps, is_masked
+from .objects import objects_shine
 from .request import Request
 
 FORMAT = 'write the dictionary of a Mitsuba scene, its transforms as {"matrix": [[...], ...]}'
@@ -37,9 +38,10 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         raise DataError(request.scene, "is not a JSON object", FORMAT)
     try:
         described = _decoded(content, request.scene.resolve().parent)
-        if splats is None and is_masked(request):
+        masked = is_masked(request) or (hides_lamps(request) and objects_shine(described))
+        if splats is None and masked:
             splats = no_splats()
-        described |= {"type": "scene", "integrator": _integrator(request, splats)}
+        described |= {"type": "scene", "integrator": _integrator(request, splats, masked)}
         if splats is not None:
             described["splats"] = splats
         if sensor is not None:
@@ -50,7 +52,7 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         raise scene_error(request.scene, error, "Mitsuba cannot load it") from error
     if len(scene.sensors()) != 1:
         raise DataError(request.scene, f"has {len(scene.sensors())} sensors", "give it one")
-    if is_masked(request):
+    if masked:
         integrator: Any = scene.integrator()
         integrator.masks = camera_masks(request, scene, number_of(splats))
     return scene
@@ -72,14 +74,14 @@ def hides_background(request: Request) -> bool:
     return request.hide_lamps and not request.transparent
 
 
-def _integrator(request: Request, splats: Any | None) -> dict[str, Any]:
-    """Path tracing, through splats where there are any.
+def _integrator(request: Request, splats: Any | None, masked: bool) -> dict[str, Any]:
+    """Path tracing, through splats where there are any; ``masked``: cameras see less than light does.
 
     Where no emitter is seen Mitsuba's ``path`` drops whatever a path brought that passed masks alone, so that the
     opacity of a surface weakens it twice. ``prb`` keeps it, but a mask is opaque in its alpha.
     """
-    common = {"max_depth": request.max_depth, "hide_emitters": request.transparent or request.hide_lamps}
-    if not (number_of(splats) or is_masked(request)):
+    common = {"max_depth": request.max_depth, "hide_emitters": hides_lamps(request)}
+    if not (number_of(splats) or masked):
         return {"type": "path" if request.transparent else "prb", **common}
     said = {"near_clip": request.near_clip, "antialiased": request.antialiased}
     common["mesh_shadows"] = request.mesh_shadows

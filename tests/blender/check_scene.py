@@ -5,7 +5,7 @@ import math
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import picture
+from blender_pictures import picture, with_alpha
 from model_files import load
 from references import REFERENCES, place_camera
 from surroundings import (
@@ -150,6 +150,20 @@ def test_what_is_half_transparent_loses_no_light(scene, tmp_path):
     scene.cycles.samples = scene.dogsplat.samples = 128
     cycles, mitsuba = (values[8:-8, 16:-16].mean((0, 1)) for values in both(scene, tmp_path))
     assert mitsuba == pytest.approx(cycles, rel=0.03)
+
+
+@pytest.mark.parametrize("transparent", [False, True])
+def test_what_shines_is_seen_and_lamps_are_not(scene, tmp_path, transparent):
+    """A lamp that faces the camera, before a screen and beside it."""
+    camera(scene, (0, 0, 8))
+    background(scene, (0.2, 0.3, 0.4, 1))
+    body(plane(2, location=(-1, 0, 0)), material("ShaderNodeEmission", Color=(1, 0.5, 0.25, 1), Strength=0.8))
+    light(scene, "AREA", (0, 0, 3), (math.pi, 0, 0), energy=50, size=1)
+    scene.render.film_transparent, scene.cycles.samples, scene.dogsplat.samples = transparent, 16, 16
+    cycles, ours = (with_alpha(scene, name, tmp_path) for name in ("CYCLES", engine.ENGINE))
+    assert cycles[HEIGHT // 2, WIDTH // 2 - 3] == pytest.approx((0.8, 0.4, 0.2, 1), abs=1e-3)
+    assert (ours[0, 0, 3] == 0) is transparent
+    assert np.abs(ours - cycles).mean() < 5e-3
 
 
 def test_bodies_are_where_cycles_has_them(scene, tmp_path):

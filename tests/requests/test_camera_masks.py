@@ -146,7 +146,7 @@ def test_viewports_of_splats_alone_have_the_same_masks(folder, share):
 @pytest.mark.parametrize("transparent", [False, True])
 @pytest.mark.parametrize("samples", [0, 2])
 def test_a_surface_that_is_a_holdout_is_a_hole(folder, transparent, samples):
-    """The black wall, beside the one that glows, which a transparent picture does not show."""
+    """The black wall, beside the one that glows."""
     how = {"transparent": transparent, "holdout": [3]}
     view = {"scene": str(folder / "seen.json"), "camera": camera_json(CAMERA), "samples": samples}
     picture = viewed({**view, **how})
@@ -154,12 +154,46 @@ def test_a_surface_that_is_a_holdout_is_a_hole(folder, transparent, samples):
     everything = viewed({**view, "transparent": transparent})
     np.testing.assert_array_equal(picture[RIGHT], everything[RIGHT])
     np.testing.assert_allclose(everything[LEFT][..., 3], 1)
-    assert transparent or everything[RIGHT][..., :3].min() > 0.4
+    assert everything[RIGHT][..., :3].min() > 0.4
 
 
-def test_a_holdout_that_shines_is_a_hole_where_what_shines_is_hidden(folder):
+@pytest.fixture(scope="module")
+def with_a_lamp(folder):
+    """The same scene with a lamp in front of the middle of both walls, and room for the sky to their right."""
+    shapes = json.loads((folder / "scene.json").read_text())
+    lamp = {"type": "rectangle", "to_world": at(10, size=2), "bsdf": {"type": "null"}}
+    shapes["light_0"] = lamp | {"emitter": {"type": "area", "radiance": 9.0}}
+    shapes["object_2_wall"]["to_world"] = at(30, -96)
+    (folder / "lamp_before.json").write_text(json.dumps(shapes))
+    return folder / "lamp_before.json"
+
+
+@pytest.mark.parametrize("model", [False, True])
+@pytest.mark.parametrize("hidden", [["hide_lamps"], ["transparent"], ["hide_lamps", "transparent"]])
+def test_the_camera_sees_objects_that_shine_where_lamps_are_hidden(folder, with_a_lamp, hidden, model):
+    """Over the sky, or over nothing. In viewports too, by paths, and at once with a lamp at the camera."""
+    shows_sky = "transparent" not in hidden
+    request = {"scene": str(with_a_lamp), **dict.fromkeys(hidden, True), "samples": 4}
+    if model:
+        request |= {"model": str(folder / "empty.ply"), "counts": [0]}
+        write_ply(folder / "empty.ply", SPLATS.select(np.zeros(0, int)))
+    picture = answered(request)
+    scene_alone = {name: value for name, value in json.loads(with_a_lamp.read_text()).items() if name != "sensor"}
+    (folder / "lamp_viewed.json").write_text(json.dumps(scene_alone))
+    request |= {"scene": str(folder / "lamp_viewed.json"), "camera": camera_json(CAMERA)}
+    seen = [np.dstack([picture["color"], picture["alpha"]]), *(viewed(request | {"samples": n}) for n in (4, 0))]
+    wall, sky = np.s_[:, WIDTH // 2 + 1 : WIDTH // 2 + 2], np.s_[:, WIDTH - 3 :]
+    for pixels in seen:
+        np.testing.assert_allclose(pixels[wall][..., 3], 1)
+        np.testing.assert_allclose(pixels[wall][..., :3], GLOW, rtol=1e-4 if pixels is not seen[-1] else 1)
+        np.testing.assert_allclose(pixels[sky][..., :3], SKY if shows_sky else 0, atol=1e-4)
+        np.testing.assert_allclose(pixels[sky][..., 3], shows_sky)
+    assert answered({"scene": str(with_a_lamp), "samples": 4})["color"][HEIGHT // 2, WIDTH // 2 + 1].max() > 8
+
+
+def test_a_holdout_that_shines_is_a_hole_where_lamps_are_hidden(folder):
     how = {"hide_lamps": True, "model": False}
-    np.testing.assert_allclose(scene(folder, **how)["color"][RIGHT], SKY, rtol=1e-4)
+    np.testing.assert_allclose(scene(folder, **how)["color"][RIGHT], GLOW, rtol=1e-4)
     picture = scene(folder, **how, holdout=[2])
     assert not picture["color"][RIGHT].any() and not picture["alpha"][RIGHT].any()
 
