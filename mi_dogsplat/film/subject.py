@@ -67,7 +67,7 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
     views = sorted(dataset.views, key=lambda view: view.name) if dataset else []
     said_by_run = Drawing(trained.get("antialiased"), trained.get("near_clip"))
     drawn = drawn_as(options.drawing, said_by_run, read.drawing)
-    if not views:
+    if not views and options.near_clip is None:
         near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(read.splats)[1])
         drawn = replace(drawn, near_clip=near_clip)
     background = background_color(options.or_trained("background", trained), dataset is not None and dataset.has_alpha)

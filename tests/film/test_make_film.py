@@ -97,6 +97,34 @@ def test_an_exr_holds_premultiplied_linear_colour_with_alpha(model, keys, tmp_pa
     np.testing.assert_allclose(file[..., 3], expected.alpha, atol=1e-4)
 
 
+def test_the_background_takes_nothing_of_an_exr(model, keys, tmp_path):
+    """Over white, half of a colour brighter than 1 would be clamped before the background is taken away."""
+    truth = tiny_data.truth()
+    bright = replace(truth, sh_coeffs=truth.sh_coeffs + 3, logit_opacities=np.zeros_like(truth.logit_opacities))
+    write_ply(tmp_path / "bright.ply", bright)
+    expected = tiny_data.picture(bright, tiny_data.cameras()[0])
+    assert (expected.color.max(-1) > expected.alpha + 0.1).any()
+    for background in ("black", "white"):
+        out, options = tmp_path / background / "%d.exr", PictureOptions(background=background)
+        make_film(tmp_path / "bright.ply", out, config=FilmConfig(path=str(keys), seconds=1, fps=1), options=options)
+        file = OpenEXR.File(str(tmp_path / background / "0.exr")).channels()["RGBA"].pixels
+        np.testing.assert_allclose(file[..., :3], srgb_to_linear(expected.color), atol=1e-4)
+
+
+def test_a_near_clip_that_is_given_is_kept_without_data(model, keys, tmp_path):
+    """One that nobody gave is smaller where a model is."""
+    camera = tiny_data.cameras()[0]
+    depths = camera.project(tiny_data.truth().means)[1]
+    near_clip = float(np.median(depths))
+    config = FilmConfig(path=str(keys), seconds=1, fps=1)
+    make_film(model, tmp_path / "f", config=config, options=PictureOptions(near_clip=near_clip))
+    left = tiny_data.truth().select(depths > near_clip)
+    expected = tiny_data.picture(left, camera).color
+    assert abs(expected - tiny_data.picture(tiny_data.truth(), camera).color).max() > 0.1
+    assert abs(read_png(tmp_path / "f" / "0000.png") - expected).max() <= 0.51 / 255 + 1e-4
+    assert json.loads((tmp_path / "f" / "film.json").read_text())["near_clip"] == near_clip
+
+
 def test_motion_blur_is_the_mean_of_linear_light(model, tmp_path):
     """Of the pictures at its moments, which a film with as many more frames in a second has."""
     blurred = FilmConfig(seconds=1, fps=3, size=(48, 36), shutter=1.0, samples=2)
