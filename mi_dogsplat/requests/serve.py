@@ -84,11 +84,14 @@ def serve(lines: Iterable[str], tell: Callable[[dict[str, Any]], None]) -> None:
                 raise DataError(SOURCE, '"out" names no file .npz, nor .rgba', FORMAT)
         except DataError as error:
             tell({"error": str(error)})
+        except MemoryError as error:  # of one picture; the next may be smaller
+            problem = f"not enough memory ({error or 'no more to be had'})"
+            tell({"error": str(DataError(SOURCE, problem, "ask for fewer pixels, samples or primitives"))})
 
 
 def _content(line: str) -> Any:
     try:
-        return parse_json(line)
+        return parse_json(line.removeprefix("\ufeff"))  # editors and shells of Windows begin a text with a mark
     except ValueError as error:
         raise DataError(SOURCE, f"not valid JSON ({error})", FORMAT) from error
 

@@ -169,6 +169,23 @@ def test_lines_that_are_no_text_or_too_deep_are_answered(tmp_path, capfd):
     assert status == 0 and "not valid JSON" in first["error"] and "too deep" in second["error"]
 
 
+def test_a_mark_of_the_byte_order_before_the_first_line_is_no_part_of_it(folder, tmp_path, capfd):
+    request = {"out": str(tmp_path / "a.npz"), "model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
+    (tmp_path / "requests").write_text(json.dumps(request), encoding="utf-8-sig")
+    status = main(["serve", str(tmp_path / "requests"), "--variant", mi.variant() or "auto"])
+    assert status == 0 and json.loads(capfd.readouterr().out.splitlines()[-1]) == {"done": request["out"]}
+
+
+def test_a_picture_beyond_the_memory_is_one_line_and_the_next_one_is_answered(folder, tmp_path):
+    scene = {"scene": str(folder / "scene.json"), "samples": 10**13}
+    view = {**scene, "out": str(tmp_path / "view.rgba"), "camera": camera_json(CAMERA)}
+    good = {"out": str(tmp_path / "b.npz"), "model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
+    first, second, third = told([{**scene, "out": str(tmp_path / "a.npz")}, view, good])
+    assert third == {"done": good["out"]}
+    for said in (first, second):
+        assert said["error"].startswith("request: not enough memory (") and "; ask for fewer" in said["error"]
+
+
 def test_a_stream_that_fails_is_a_stream_that_ends():
     def failing():
         yield "first"
