@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..datasets import load_dataset
+from ..datasets.world import read_world
 from ..formats.model import Model
 from ..formats.read import read_model
 from ..render.framing import NEAR_SHARE, likely_up, robust_sphere
@@ -25,7 +26,7 @@ from ..support.errors import DataError
 class Subject:
     """The model, the cameras of its data in the order of their names (maybe none), and how it is drawn.
 
-    ``missing`` says of a run that its data are not there.
+    ``missing`` says of a run that its data are not there, ``said_up`` what is up by the data themselves.
     """
 
     model: Model
@@ -33,12 +34,13 @@ class Subject:
     background: float
     drawn: DrawnAs
     missing: str = ""
+    said_up: str | None = None
 
     @property
     def up(self) -> np.ndarray:
-        """The vertical [3]: as the model's file says, as its photographs were held, or a guess."""
-        if self.model.drawing.up:
-            return up_vector(self.model.drawing.up)
+        """The vertical [3]: as the model's file or its data say, as its photographs were held, or a guess."""
+        if said := self.model.drawing.up or self.said_up:
+            return up_vector(said)
         if self.cameras:
             return up_of_cameras(np.stack([camera.c2w for camera in self.cameras]))
         return likely_up(self.model.splats)
@@ -71,4 +73,5 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
         near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(read.splats)[1])
         drawn = replace(drawn, near_clip=near_clip)
     background = background_color(options.or_trained("background", trained), dataset is not None and dataset.has_alpha)
-    return Subject(read, [view.camera for view in views], background, drawn, missing)
+    said_up = read_world(dataset.path).up if dataset else None
+    return Subject(read, [view.camera for view in views], background, drawn, missing, said_up)

@@ -16,6 +16,7 @@ from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.make import make_film
+from mi_dogsplat.film.subject import read_subject
 from mi_dogsplat.film.video import write_video
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.runs.stopping import Stopped
@@ -209,6 +210,15 @@ def test_a_run_folder_knows_its_data_and_how_it_is_drawn(model, data, tmp_path, 
     (folder / "config.json").write_text(json.dumps({"data": str(tmp_path / "gone")}))
     path = make_film(folder, tmp_path / "h", config=SHORT).path
     assert path.startswith("an orbit") and path.endswith("gone, are not there: --data names them)")
+
+
+def test_an_orbit_goes_around_what_is_up_by_the_data_where_the_model_does_not_say(model, tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data")
+    held = read_subject(model, data, PictureOptions()).up
+    np.testing.assert_allclose(held, (0, 0, 1), atol=0.02)
+    for said, up in (({"up": "x"}, (1, 0, 0)), ({"scale": 2.0}, held)):
+        (data / "world.json").write_text(json.dumps(said))
+        np.testing.assert_array_equal(read_subject(model, data, PictureOptions()).up, up)
 
 
 def test_a_run_finds_its_data_from_another_working_folder(model, data, tmp_path, monkeypatch):
