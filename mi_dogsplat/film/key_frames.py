@@ -31,7 +31,7 @@ from ..scene.cameras import inverse_rigid
 from ..support.errors import DataError
 from ..support.files import read_json
 from ..support.wording import counted
-from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
+from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov, offset_of_camera
 from .splines import rotation_curve, vector_curve
 
 FORMAT = 'write {"keys": [{"time": seconds, "position": [x, y, z], "look_at": [x, y, z], "fov": degrees}, ...]}'
@@ -44,13 +44,14 @@ STEEPEST = 1 - 1e-6  # cosine between ``up`` and a view; beyond, nothing tells h
 @dataclass(frozen=True, eq=False)
 class Key:
     """``time`` in seconds or None, ``c2w`` [4, 4], ``focal`` over the shorter side, ``target`` [3] or None, ``size`` of
-    the picture or None."""
+    the picture or None, ``offset`` of the principal point as a ``Lens`` has it."""
 
     time: float | None
     c2w: np.ndarray
     focal: float
     target: np.ndarray | None
     size: tuple[int, int] | None
+    offset: tuple[float, float] = (0.0, 0.0)
 
 
 def key_frames_path(path: Path, up: np.ndarray, fov: float | None) -> CameraPath:
@@ -91,6 +92,7 @@ def _curves(
     """The lens at a share of the way. Where every key looks at a point, so does the camera between them."""
     places = vector_curve(times, np.array([key.c2w[:3, 3] for key in keys]), period)
     zooms = vector_curve(times, np.log([[key.focal] for key in keys]), period)
+    offsets = vector_curve(times, np.array([key.offset for key in keys]), period)
     targets = [key.target for key in keys if key.target is not None]
     aims = vector_curve(times, np.array(targets), period) if len(targets) == len(keys) else None
     turns = rotation_curve(times, np.array([key.c2w[:3, :3] for key in keys]), period)
@@ -102,7 +104,9 @@ def _curves(
         c2w[:3, :3], c2w[:3, 3] = turns(time), places(time)
         if aims is not None and _can_look(c2w[:3, 3], aims(time), up):
             c2w = inverse_rigid(look_at(c2w[:3, 3], aims(time), up))
-        return Lens(c2w, float(np.exp(zooms(time)[0])) if fov is None else focal_of_fov(fov))
+        focal = float(np.exp(zooms(time)[0])) if fov is None else focal_of_fov(fov)
+        x, y = offsets(time)
+        return Lens(c2w, focal, (float(x), float(y)))
 
     return at
 
@@ -118,10 +122,12 @@ def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
         raise ValueError(f'"time" is beyond {LARGEST:g}')
     if "w2c" in entry:
         camera = camera_from_json(entry)
-        focal = focal_of_camera(camera)
+        focal, offset = focal_of_camera(camera), offset_of_camera(camera)
         if abs(camera.position).max() > LARGEST or not 1 / LARGEST <= focal <= LARGEST:
             raise ValueError(f"its position is beyond {LARGEST:g}, or its focal length no length of a lens")
-        return Key(time, camera.c2w, focal, None, (camera.width, camera.height))
+        if np.abs(offset).max() > LARGEST:
+            raise ValueError(f"its principal point is beyond {LARGEST:g} sides of the picture")
+        return Key(time, camera.c2w, focal, None, (camera.width, camera.height), offset)
     position = _numbers(entry, "position", 3)
     if ("look_at" in entry) == ("rotation" in entry):
         raise ValueError('needs "look_at" or "rotation", one of them')

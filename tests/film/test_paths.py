@@ -202,6 +202,22 @@ def test_every_kind_of_key_is_met_at_its_time(tmp_path):
     np.testing.assert_allclose(third.camera(48, 36).K, camera.K)
 
 
+def test_a_key_that_is_a_camera_keeps_its_principal_point_at_any_size(tmp_path):
+    """That of Blender's shifted lenses; between keys it moves evenly."""
+    pose = tiny_data.cameras()[3].w2c
+    listed = [Camera(pose, 60, 60, cx, cy, 64, 48) for cx, cy in ((44, 12), (32, 24))]
+    entries = []
+    for camera in listed:
+        write_camera(tmp_path / "camera.json", camera)
+        entries.append(json.loads((tmp_path / "camera.json").read_text()))
+    path = key_frames_path(keys_file(tmp_path, entries), Z, None)
+    np.testing.assert_allclose(path.at(0).camera(64, 48).K, listed[0].K)
+    np.testing.assert_allclose(path.at(1).camera(64, 48).K, listed[1].K)
+    np.testing.assert_allclose(path.at(0.5).camera(128, 96).K[:2, 2], [76, 36])
+    middle = key_frames_path(keys_file(tmp_path, [entries[1]] * 2), Z, None)
+    assert path.sha256(np.zeros(1)) != middle.sha256(np.zeros(1))
+
+
 def test_between_keys_that_look_at_points_the_camera_looks_at_points_between(tmp_path):
     keys = [{"position": [3, 0, 1], "look_at": [0, 0, 0]}, {"position": [0, 3, 1], "look_at": [0, 0, 0]},
             {"position": [-3, 0, 2], "look_at": [0, 0, 0]}]  # fmt: skip
@@ -260,6 +276,7 @@ GOOD = {"position": [3, 0, 0], "look_at": [0, 0, 0]}
         ([{**GOOD, "time": 0}, {**GOOD, "time": 1e-320}], "key 1 is not later"),
         ({"keys": [GOOD], "up": [1e200, 0, 1e200]}, '"up" is beyond 1e+15'),
         ([{"w2c": np.eye(4).tolist(), "fx": 1e-300, "width": 9, "height": 9}, GOOD], "key 0: its position is beyond"),
+        ([{"w2c": np.eye(4).tolist(), "fx": 9, "cx": 1e99, "width": 9, "height": 9}, GOOD], "its principal point is"),
     ],
 )
 def test_what_is_no_key_is_named(tmp_path, content, words):
