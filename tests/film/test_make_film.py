@@ -98,6 +98,12 @@ def test_an_exr_holds_premultiplied_linear_colour_with_alpha(model, keys, tmp_pa
     np.testing.assert_allclose(file[..., 3], expected.alpha, atol=1e-4)
 
 
+def test_a_folder_may_have_a_point_in_its_name(model, tmp_path):
+    (tmp_path / "take 1.2").mkdir()
+    make_film(model, tmp_path / "take 1.2", config=replace(SHORT, seconds=0.1))
+    assert sorted(p.name for p in (tmp_path / "take 1.2").iterdir()) == ["0000.png", "film.json"]
+
+
 def test_the_background_takes_nothing_of_an_exr(model, keys, tmp_path):
     """Over white, half of a colour brighter than 1 would be clamped before the background is taken away."""
     truth = tiny_data.truth()
