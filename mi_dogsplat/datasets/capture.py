@@ -41,6 +41,7 @@ from .transforms import intrinsics_of
 SETTINGS = "capture.json"
 FREE = ("scene", "points")  # settings that may change from one start to the next, as no picture depends on them
 BEFORE = {"hdr": False}  # what captures of earlier versions are, which do not note it
+RESOLUTION = 1e-12  # of a coordinate: what is smaller there has no extent
 POINTS_FACTOR = 4  # points kept of each view, times its share: views that see little are made up for
 
 
@@ -116,6 +117,10 @@ def _plan(scene_path: Path, config: CaptureConfig) -> Plan:
             center, radius, n_left_out = framing_sphere(scene_path, scene)
         center = np.array(config.center or center, dtype=np.float64)  # [3]
         radius = config.radius or radius
+        if not radius > RESOLUTION * abs(center).max():
+            place = " ".join(f"{x:g}" for x in center)
+            problem = f"the centre {place} is too far from the origin for cameras around a radius of {radius:g}"
+            raise DataError(scene_path, problem, "use a larger --radius, or a --center that is nearer to the origin")
         n_test = config.views // 6 if config.test is None else config.test
         shots = circling_shots(config, config.views + n_test, center, radius, up)
         framing = f"centre {' '.join(f'{x:.3g}' for x in center)}, radius {radius:.3g}, up {up}"

@@ -76,6 +76,15 @@ def test_paths_are_told_apart_by_where_they_lead_whatever_the_last_bits():
 # --- orbits ---
 
 
+def test_an_orbit_around_a_point_far_from_the_origin_has_cameras():
+    """Whose extent is less than any number tells apart there."""
+    model = tiny_data.truth()
+    model.means[:], model.log_scales[:] = (1000, 5, 3), -40
+    path = orbit(around_model(model, Z, None), FilmConfig())
+    for share in (0.0, 0.3):
+        assert path.at(share).camera(64, 48).project(model.means[:1])[0][0] == pytest.approx([32, 24], abs=0.01)
+
+
 @pytest.mark.parametrize("elevation", [-30.0, 0.0, 70.0])
 def test_an_orbit_is_a_level_circle_that_looks_at_the_model(elevation):
     model = tiny_data.truth()
