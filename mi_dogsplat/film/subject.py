@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,12 @@ class Subject:
         return likely_up(self.model.splats)
 
 
+def counted_order(name: str) -> tuple[list[str | int], str]:
+    """A key that sorts names as one counts: 9 before 10."""
+    parts = re.split(r"([0-9]+)", name)  # every other one is a number
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)], name
+
+
 def read_subject(model: Path, data: str | Path | None, options: PictureOptions) -> Subject:
     """A model file, or a run folder, which knows its data and how it was trained.
 
@@ -66,7 +73,7 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
             raise DataError(model, "no such file", "give a run folder that is complete, or a model")
     read = read_model(model)
     dataset = load_dataset(data, on_disk=True) if data else None
-    views = sorted(dataset.views, key=lambda view: view.name) if dataset else []
+    views = sorted(dataset.views, key=lambda view: counted_order(view.name)) if dataset else []
     said_by_run = Drawing(trained.get("antialiased"), trained.get("near_clip"))
     drawn = drawn_as(options.drawing, said_by_run, read.drawing)
     if not views and options.near_clip is None:

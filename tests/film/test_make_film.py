@@ -240,6 +240,18 @@ def test_a_run_finds_its_data_from_another_working_folder(model, data, tmp_path,
     assert film.path == "along 8 cameras"
 
 
+def test_photographs_are_followed_as_one_counts(model, data, tmp_path):
+    """By the letters of their names they would begin with 10 and end with 9, too short a detour to look for a tour."""
+    content, order = json.loads((data / "transforms.json").read_text()), ["9", "10", "11", "100b", "0100c", "a1", "a02"]
+    for frame, name in zip(content["frames"], [*order, "b"], strict=True):
+        (tmp_path / f"{name}.png").write_bytes((data / frame["file_path"]).read_bytes())
+        frame["file_path"] = f"{name}.png"
+    del content["ply_file_path"]
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    found = [camera.position for camera in read_subject(model, tmp_path, PictureOptions()).cameras]
+    np.testing.assert_allclose(found, [camera.position for camera in tiny_data.cameras()], atol=1e-6)
+
+
 def test_photographs_of_one_side_are_followed(model, tmp_path, monkeypatch):
     some = tiny_data.cameras(16)[:5]
     monkeypatch.setattr(tiny_data, "cameras", lambda n: some)
