@@ -16,6 +16,7 @@ apart. ``fov`` is that of the shorter side in degrees; without it, that of the k
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +39,7 @@ FORMAT = 'write {"keys": [{"time": seconds, "position": [x, y, z], "look_at": [x
 LARGEST = 1e15  # number in a file: with the squares of larger ones no curve can be computed
 NARROWEST = 1e-6  # degrees of a field of view
 SHORTEST = 1e-6  # seconds between two keys
+MOMENTS = 501  # of a way, at which the curve of its lens is looked at first
 STEEPEST = 1 - 1e-6  # cosine between ``up`` and a view; beyond, nothing tells how the picture is turned
 
 
@@ -81,15 +83,18 @@ def key_frames_path(path: Path, up: np.ndarray, fov: float | None) -> CameraPath
     mean_step = (times[-1] - times[0]) / max(len(keys) - 1, 1)
     period = times[-1] - times[0] + mean_step if loop and len(keys) > 1 else None
     duration = (period or times[-1] - times[0]) if keys[0].time is not None and len(keys) > 1 else None
-    way = _curves(keys, times, period, upright, fov)
+    way = _curves(path, keys, times, period, upright, fov)
     what = f"{'a loop ' if loop else ''}through {counted(len(keys), 'key frame')} of {path.name}"
     return CameraPath(way, loop, what, duration, keys[0].size)
 
 
 def _curves(
-    keys: list[Key], times: np.ndarray, period: float | None, up: np.ndarray, fov: float | None
+    path: Path, keys: list[Key], times: np.ndarray, period: float | None, up: np.ndarray, fov: float | None
 ) -> Callable[[float], Lens]:
-    """The lens at a share of the way. Where every key looks at a point, so does the camera between them."""
+    """The lens at a share of the way. Where every key looks at a point, so does the camera between them.
+
+    Raises ``DataError`` where the curve of the focal length leaves all lenses: a sudden change swings far beyond.
+    """
     places = vector_curve(times, np.array([key.c2w[:3, 3] for key in keys]), period)
     zooms = vector_curve(times, np.log([[key.focal] for key in keys]), period)
     offsets = vector_curve(times, np.array([key.offset for key in keys]), period)
@@ -97,6 +102,10 @@ def _curves(
     aims = vector_curve(times, np.array(targets), period) if len(targets) == len(keys) else None
     turns = rotation_curve(times, np.array([key.c2w[:3, :3] for key in keys]), period)
     length = period or times[-1] - times[0]
+    swing = max(float(np.abs(zooms(times[0] + share * length)).max()) for share in np.linspace(0, 1, MOMENTS))
+    if fov is None and swing > math.log(LARGEST):
+        problem = '"fov" changes so fast between two keys that no curve through it is one of lenses'
+        raise DataError(path, problem, "give the change more time, or make two films")
 
     def at(share: float) -> Lens:
         time = times[0] + share * length
@@ -155,7 +164,7 @@ def _numbers(entry: dict[str, Any], name: str, count: int) -> np.ndarray:
         raise ValueError(f'lacks "{name}"')
     try:
         values = np.array(entry[name], np.float64)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         values = np.zeros(0)
     if values.shape != (count,) or not np.isfinite(values).all():
         raise ValueError(f'"{name}" is not {count} numbers')
