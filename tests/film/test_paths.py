@@ -165,6 +165,21 @@ def test_the_path_is_taken_at_an_even_pace():
     assert steps.max() < 1.1 * steps.min()
 
 
+def test_a_change_of_the_lens_at_one_place_takes_time_and_does_not_swing_beyond():
+    def camera(x: float, focal: float) -> Camera:
+        w2c = np.eye(4)
+        w2c[:3, 3] = -x, 0, 5
+        return Camera(w2c, focal, focal, 8, 6, 16, 12)
+
+    for near in (1e-4, 0.0):  # from a tripod
+        cameras = [*(camera(x, 20) for x in range(5)), *(camera(x + near, 60) for x in range(4, 9))]
+        path = cameras_path(cameras, FilmConfig(smoothing=0))
+        focals = np.array([path.at(share).focal for share in np.linspace(0, 1, 101)]) * 12
+        assert focals.min() > 17 and focals.max() < 70
+        steps = np.abs(np.diff(np.log(focals)))
+        assert steps.max() < 0.1  # no leap
+
+
 def test_scattered_cameras_are_visited_along_a_short_tour():
     rng = np.random.default_rng(0)
     line = np.arange(30.0)
