@@ -162,6 +162,15 @@ def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
     assert np.load(out)["color"].shape == (HEIGHT, WIDTH, 3)
 
 
+@pytest.mark.parametrize("counts", [[39], [10, 31]])
+def test_objects_that_are_not_all_of_the_model_are_refused_whatever_is_asked_for(folder, counts):
+    """Splats beyond them would be of an object that nobody knows."""
+    alone = {"camera": camera_json(CAMERA), "passes": ["object"]}
+    for asked in (alone, {"scene": str(folder / "scene.json"), "samples": 1}):
+        (said,) = told([{"out": "a.npz", "model": str(folder / "model.ply"), "counts": counts, **asked}])
+        assert said["error"].startswith(f'request: "counts" adds up to {sum(counts)}, the model has 40 primitives;')
+
+
 def test_lines_that_are_no_text_or_too_deep_are_answered(tmp_path, capfd):
     (tmp_path / "requests").write_bytes(b"\xff\xfe\n" + b"[" * 100_000 + b"\n")
     status = main(["serve", str(tmp_path / "requests"), "--variant", mi.variant() or "auto"])
