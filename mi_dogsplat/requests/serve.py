@@ -37,7 +37,7 @@ class Lines:
     """The lines of a stream until its end, or until none has come for so many seconds; they are read ahead."""
 
     def __init__(self, stream: Iterable[str], seconds: float | None = None):
-        self._seconds = seconds
+        self._seconds = None if seconds is None or seconds > threading.TIMEOUT_MAX else seconds
         self._waiting: queue.Queue[str | None] = queue.Queue()
 
         def pump() -> None:

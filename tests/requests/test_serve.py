@@ -292,6 +292,7 @@ def test_a_process_ends_when_nobody_asks():
         time.sleep(30)
 
     assert list(Lines(slow(), 0.05)) == ["first"]
+    assert list(Lines(["a"], float("inf"))) == list(Lines(["a"], 1e10)) == ["a"]
     assert list(Lines(["a", "b"], 60)) == list(Lines(["a", "b"])) == ["a", "b"]
 
 
