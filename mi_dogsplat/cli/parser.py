@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from typing import Any, NoReturn
 
 from .commands import COMMANDS
@@ -21,11 +22,15 @@ or a run of dogsplat compare failed; 130 stopped by Ctrl-C, 143 by SIGTERM.
 """
 
 
+NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$", re.IGNORECASE)  # argparse knows -0.5, but no -5e-1, nor -5.
+
+
 class Parser(argparse.ArgumentParser):
     """Wrong use is one line on stderr, as every other error; the help is shown as it is written."""
 
     def __init__(self, **options):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
+        self._negative_number_matcher = NEGATIVE  # what it matches is a value, and no flag
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"dogsplat: {message}; see {self.prog} --help\n")

@@ -40,6 +40,8 @@ from .transforms import intrinsics_of
 
 SETTINGS = "capture.json"
 FREE = ("scene", "points")  # settings that may change from one start to the next, as no picture depends on them
+BEFORE = {"hdr": False}  # what captures of earlier versions are, which do not note it
+RESOLUTION = 1e-12  # of a coordinate: what is smaller there has no extent
 POINTS_FACTOR = 4  # points kept of each view, times its share: views that see little are made up for
 
 
@@ -73,7 +75,7 @@ def capture(
     if "scalar" in (mi.variant() or ""):
         raise DataError(scene_path, f"{mi.variant()} renders no arrays", 'call mi.set_variant("llvm_ad_rgb") first')
     plan = _plan(scene_path, config)
-    begin(out / SETTINGS, _settings(scene_path, config), "capture", FREE)
+    begin(out / SETTINGS, _settings(scene_path, config), "capture", FREE, BEFORE)
     with locked(out, "another capture is writing to it"):
         remove_parts(out)
         _fill(mi, plan, scene_path, out, config, progress)
@@ -115,6 +117,10 @@ def _plan(scene_path: Path, config: CaptureConfig) -> Plan:
             center, radius, n_left_out = framing_sphere(scene_path, scene)
         center = np.array(config.center or center, dtype=np.float64)  # [3]
         radius = config.radius or radius
+        if not radius > RESOLUTION * abs(center).max():
+            place = " ".join(f"{x:g}" for x in center)
+            problem = f"the centre {place} is too far from the origin for cameras around a radius of {radius:g}"
+            raise DataError(scene_path, problem, "use a larger --radius, or a --center that is nearer to the origin")
         n_test = config.views // 6 if config.test is None else config.test
         shots = circling_shots(config, config.views + n_test, center, radius, up)
         framing = f"centre {' '.join(f'{x:.3g}' for x in center)}, radius {radius:.3g}, up {up}"
@@ -136,10 +142,7 @@ def _settings(scene_path: Path, config: CaptureConfig) -> dict[str, Any]:
     """What decides on the pictures: the flags, and the contents of the scene's file and of the list of cameras."""
     files = {"scene": scene_path} | ({"cameras": Path(config.path)} if config.path.endswith(".json") else {})
     digests = {f"{name}_sha256": hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
-    flags = dataclasses.asdict(config)
-    if not config.hdr:
-        del flags["hdr"]  # captures of earlier versions, which know of none, can be gone on with
-    return json.loads(json.dumps({"scene": str(scene_path), **digests, **flags}))
+    return json.loads(json.dumps({"scene": str(scene_path), **digests, **dataclasses.asdict(config)}))
 
 
 def _image_name(shot: Shot, config: CaptureConfig) -> str:

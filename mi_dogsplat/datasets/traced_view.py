@@ -15,6 +15,7 @@ from .images import straight_color
 
 MAX_ALPHA = 1.001  # 1 up to rounding
 MAX_LAYERS = 32  # surfaces that a ray may pass before it counts as lost
+SEEDS = 2**32  # of Mitsuba
 PASS_SAMPLES = 2**25  # samples of one launch: bounds the memory, and how long Ctrl-C waits
 
 
@@ -41,7 +42,7 @@ def render_shot(mi: Any, scene: Any, shot: Shot, spp: int, seed: int, alpha: boo
     linear = np.zeros((shot.camera.height, shot.camera.width, 4 if alpha else 3), np.float32)
     for i in range(n_passes):
         with interruptible():
-            mi.render(scene, sensor=loaded, spp=side**2, seed=seed * n_passes + i)
+            mi.render(scene, sensor=loaded, spp=side**2, seed=(seed * n_passes + i) % SEEDS)
         bitmap = loaded.film().bitmap()
         if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs come along
             bitmap = dict(bitmap.split())["<root>"]

@@ -25,7 +25,8 @@ def in_box(splats: Splats, low: Sequence[float], high: Sequence[float]) -> Array
 def in_sphere(splats: Splats, centre: Sequence[float], radius: float) -> Array:
     """[N] bool, centres within a sphere, its surface included."""
     offsets = splats.means.astype(np.float64) - np.asarray(centre)
-    return (offsets**2).sum(axis=1) <= radius**2
+    with np.errstate(over="ignore"):
+        return (offsets**2).sum(axis=1) <= radius * radius  # which may be infinite, where a power would be an error
 
 
 def largest_parts(splats: Splats, count: int) -> Array:

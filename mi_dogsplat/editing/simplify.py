@@ -25,6 +25,7 @@ from ..render.vantages import vantage_cameras
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
 from ..scene.kinds import varying
+from ..scene.radiance import brightened
 from ..scene.splats import Array, Splats
 from ..scene.whole import whole
 from ..scores.weights import weights
@@ -94,6 +95,8 @@ def simplify_model(
 
     cameras = cameras_of(splats, config, config.views, config.seed, read.drawing.up)
     start = merged(splats, target, cameras, look)
+    if not start.n_splats:
+        raise DataError(model, "all of its primitives are invisible, so that none would be left", "use another model")
     if start.n_splats > target:
         problem = f"{counted(start.n_splats, 'primitive')} could not be merged any further"
         raise DataError(model, problem, "use a larger --target")
@@ -130,13 +133,20 @@ def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int, up: st
 
 
 def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Splats:
-    """``target`` plain Gaussians, merged by how much of each primitive the cameras see (Σ α T over all pixels)."""
+    """``target`` plain Gaussians, merged by how much of each primitive the cameras see (Σ α T over all pixels).
+
+    None of a model that is invisible.
+    """
     still = splats.without_shifts()
     plain = whole(baked(still) if still.n_dog else still).without_slopes()
     needed = Unneeded.of(plain).taken_out(plain).uniform_sh()
+    if not needed.n_splats:
+        return needed
     seen = amounts_seen(needed, cameras, look)
     seen = np.maximum(seen, LEAST_WEIGHT * (seen.mean() or 1.0))
-    return merge(needed, target, RESOLUTION * robust_sphere(needed)[1], seen)
+    start = needed if look.white is None else brightened(needed, 1 / look.white)  # colours in the unit of a picture
+    found = merge(start, target, RESOLUTION * robust_sphere(needed)[1], seen)
+    return found if look.white is None else brightened(found, look.white)
 
 
 def amounts_seen(splats: Splats, cameras: list[Camera], look: Look) -> Array:

@@ -18,15 +18,20 @@ DIGITS = 9  # of poses and lenses, that tell paths apart
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """A pose and a lens without pixels: ``c2w`` [4, 4], OpenCV axes; ``focal`` over the shorter side of the picture."""
+    """A pose and a lens without pixels: ``c2w`` [4, 4], OpenCV axes; ``focal`` over the shorter side of the picture.
+
+    ``offset``: of the principal point from the middle of the picture, to the right and down, over its shorter side.
+    """
 
     c2w: np.ndarray
     focal: float
+    offset: tuple[float, float] = (0.0, 0.0)
 
     def camera(self, width: int, height: int) -> Camera:
-        """The camera of a picture of this size, its principal point in the middle."""
-        focal = self.focal * min(width, height)
-        return Camera(inverse_rigid(self.c2w), focal, focal, width / 2, height / 2, width, height)
+        """The camera of a picture of this size."""
+        side = min(width, height)
+        cx, cy = width / 2 + side * self.offset[0], height / 2 + side * self.offset[1]
+        return Camera(inverse_rigid(self.c2w), side * self.focal, side * self.focal, cx, cy, width, height)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +69,8 @@ class CameraPath:
         They count to ``DIGITS`` digits: the last ones may be others on another processor.
         """
         lenses = (self.at(float(share)) for share in moments.flat)
-        numbers = (number for lens in lenses for number in (*lens.c2w[:3].flat, math.log(lens.focal)))
-        rows = np.fromiter(numbers, np.float64).reshape(-1, 13)
+        numbers = (number for lens in lenses for number in (*lens.c2w[:3].flat, math.log(lens.focal), *lens.offset))
+        rows = np.fromiter(numbers, np.float64).reshape(-1, 15)
         positions = rows[:, 3:12:4]  # [moments, 3]
         size = float(abs(positions).max()) or 1.0
         positions /= size
@@ -81,3 +86,9 @@ def focal_of_fov(degrees: float) -> float:
 def focal_of_camera(camera: Camera) -> float:
     """Focal length over the shorter side of the picture."""
     return math.sqrt(camera.fx * camera.fy) / min(camera.width, camera.height)
+
+
+def offset_of_camera(camera: Camera) -> tuple[float, float]:
+    """That of the principal point from the middle of the picture, over its shorter side."""
+    side = min(camera.width, camera.height)
+    return (camera.cx - camera.width / 2) / side, (camera.cy - camera.height / 2) / side

@@ -29,6 +29,7 @@ def cameras_path(cameras: Sequence[Camera], config: FilmConfig) -> CameraPath:
         positions, rotations, focals = _smoothed(positions, rotations, focals, config.smoothing)
     between = steps_between_poses(positions, rotations)
     lengths = between[np.arange(len(order) - 1), np.arange(1, len(order))]
+    lengths = lengths + abs(np.diff(focals))  # a zoom takes its time too: at one place its curve would swing far beyond
     moving = np.concatenate([[True], lengths > 1e-9])  # cameras at one place are one key
     times = np.concatenate([[0.0], np.cumsum(lengths)])[moving]
     end = times[-1] or 1.0

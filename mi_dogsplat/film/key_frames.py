@@ -16,6 +16,7 @@ apart. ``fov`` is that of the shorter side in degrees; without it, that of the k
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,26 +32,28 @@ from ..scene.cameras import inverse_rigid
 from ..support.errors import DataError
 from ..support.files import read_json
 from ..support.wording import counted
-from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
+from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov, offset_of_camera
 from .splines import rotation_curve, vector_curve
 
 FORMAT = 'write {"keys": [{"time": seconds, "position": [x, y, z], "look_at": [x, y, z], "fov": degrees}, ...]}'
 LARGEST = 1e15  # number in a file: with the squares of larger ones no curve can be computed
 NARROWEST = 1e-6  # degrees of a field of view
 SHORTEST = 1e-6  # seconds between two keys
+MOMENTS = 501  # of a way, at which the curve of its lens is looked at first
 STEEPEST = 1 - 1e-6  # cosine between ``up`` and a view; beyond, nothing tells how the picture is turned
 
 
 @dataclass(frozen=True, eq=False)
 class Key:
     """``time`` in seconds or None, ``c2w`` [4, 4], ``focal`` over the shorter side, ``target`` [3] or None, ``size`` of
-    the picture or None."""
+    the picture or None, ``offset`` of the principal point as a ``Lens`` has it."""
 
     time: float | None
     c2w: np.ndarray
     focal: float
     target: np.ndarray | None
     size: tuple[int, int] | None
+    offset: tuple[float, float] = (0.0, 0.0)
 
 
 def key_frames_path(path: Path, up: np.ndarray, fov: float | None) -> CameraPath:
@@ -80,21 +83,29 @@ def key_frames_path(path: Path, up: np.ndarray, fov: float | None) -> CameraPath
     mean_step = (times[-1] - times[0]) / max(len(keys) - 1, 1)
     period = times[-1] - times[0] + mean_step if loop and len(keys) > 1 else None
     duration = (period or times[-1] - times[0]) if keys[0].time is not None and len(keys) > 1 else None
-    way = _curves(keys, times, period, upright, fov)
+    way = _curves(path, keys, times, period, upright, fov)
     what = f"{'a loop ' if loop else ''}through {counted(len(keys), 'key frame')} of {path.name}"
     return CameraPath(way, loop, what, duration, keys[0].size)
 
 
 def _curves(
-    keys: list[Key], times: np.ndarray, period: float | None, up: np.ndarray, fov: float | None
+    path: Path, keys: list[Key], times: np.ndarray, period: float | None, up: np.ndarray, fov: float | None
 ) -> Callable[[float], Lens]:
-    """The lens at a share of the way. Where every key looks at a point, so does the camera between them."""
+    """The lens at a share of the way. Where every key looks at a point, so does the camera between them.
+
+    Raises ``DataError`` where the curve of the focal length leaves all lenses: a sudden change swings far beyond.
+    """
     places = vector_curve(times, np.array([key.c2w[:3, 3] for key in keys]), period)
     zooms = vector_curve(times, np.log([[key.focal] for key in keys]), period)
+    offsets = vector_curve(times, np.array([key.offset for key in keys]), period)
     targets = [key.target for key in keys if key.target is not None]
     aims = vector_curve(times, np.array(targets), period) if len(targets) == len(keys) else None
     turns = rotation_curve(times, np.array([key.c2w[:3, :3] for key in keys]), period)
     length = period or times[-1] - times[0]
+    swing = max(float(np.abs(zooms(times[0] + share * length)).max()) for share in np.linspace(0, 1, MOMENTS))
+    if fov is None and swing > math.log(LARGEST):
+        problem = '"fov" changes so fast between two keys that no curve through it is one of lenses'
+        raise DataError(path, problem, "give the change more time, or make two films")
 
     def at(share: float) -> Lens:
         time = times[0] + share * length
@@ -102,7 +113,9 @@ def _curves(
         c2w[:3, :3], c2w[:3, 3] = turns(time), places(time)
         if aims is not None and _can_look(c2w[:3, 3], aims(time), up):
             c2w = inverse_rigid(look_at(c2w[:3, 3], aims(time), up))
-        return Lens(c2w, float(np.exp(zooms(time)[0])) if fov is None else focal_of_fov(fov))
+        focal = float(np.exp(zooms(time)[0])) if fov is None else focal_of_fov(fov)
+        x, y = offsets(time)
+        return Lens(c2w, focal, (float(x), float(y)))
 
     return at
 
@@ -118,10 +131,12 @@ def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
         raise ValueError(f'"time" is beyond {LARGEST:g}')
     if "w2c" in entry:
         camera = camera_from_json(entry)
-        focal = focal_of_camera(camera)
+        focal, offset = focal_of_camera(camera), offset_of_camera(camera)
         if abs(camera.position).max() > LARGEST or not 1 / LARGEST <= focal <= LARGEST:
             raise ValueError(f"its position is beyond {LARGEST:g}, or its focal length no length of a lens")
-        return Key(time, camera.c2w, focal, None, (camera.width, camera.height))
+        if np.abs(offset).max() > LARGEST:
+            raise ValueError(f"its principal point is beyond {LARGEST:g} sides of the picture")
+        return Key(time, camera.c2w, focal, None, (camera.width, camera.height), offset)
     position = _numbers(entry, "position", 3)
     if ("look_at" in entry) == ("rotation" in entry):
         raise ValueError('needs "look_at" or "rotation", one of them')
@@ -149,7 +164,7 @@ def _numbers(entry: dict[str, Any], name: str, count: int) -> np.ndarray:
         raise ValueError(f'lacks "{name}"')
     try:
         values = np.array(entry[name], np.float64)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         values = np.zeros(0)
     if values.shape != (count,) or not np.isfinite(values).all():
         raise ValueError(f'"{name}" is not {count} numbers')

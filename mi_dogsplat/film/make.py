@@ -75,20 +75,21 @@ def make_film(
         raise DataError("--seconds", f"{seconds:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
     what = f"{path.what}: {counted(n, 'frame')} of {size[0]} x {size[1]}"
     drawn = subject.drawn
+    alpha = pictures is not None and pictures.alpha
+    background = 0.0 if alpha else subject.background  # which would clamp what is brighter than it leaves room for
     picture = picture_of(
         subject.model.splats,
-        subject.background,
+        background,
         drawn.near_clip,
         antialiased=drawn.antialiased,
         linear=drawn.linear,
         white=drawn.white,
     )
     moments = path.moments(n, config.shutter, config.samples if config.shutter else 1)  # [n, samples]
-    alpha = pictures is not None and pictures.alpha
 
     def frame(number: int) -> np.ndarray:
         cameras = [path.at(float(share)).camera(*size) for share in moments[number]]
-        return exposed(picture, cameras, subject.background, alpha)
+        return exposed(picture, cameras, background, alpha)
 
     with writing(out):
         if pictures is None:

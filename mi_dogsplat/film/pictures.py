@@ -30,14 +30,12 @@ class NumberedPictures:
     """The pictures of ``out``: a folder, or a name in one such as ``%04d.exr``. Raises ``DataError``."""
 
     def __init__(self, out: Path):
-        named = out.suffix != ""
+        named = out.suffix != "" and not out.is_dir()  # names of folders may have points
         self.folder, self._pattern = (out.parent, out.name) if named else (out, DEFAULT_NAME)
         suffix = Path(self._pattern).suffix.lower()
         if suffix not in SUFFIXES or self._pattern.count("%") != 1 or not NUMBER.search(self._pattern):
             remedy = "name a video .mp4, a folder, or pictures with a number as frames/%04d.png or frames/%04d.exr"
             raise DataError(out, "is no film", remedy)
-        if named and out.is_dir():
-            raise DataError(out, "is a folder", "name pictures in it")
         if self.folder.exists() and not self.folder.is_dir():
             raise DataError(self.folder, "is a file", "name a folder for the pictures")
         self.alpha = suffix == ".exr"

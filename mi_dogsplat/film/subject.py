@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..datasets import load_dataset
+from ..datasets.world import read_world
 from ..formats.model import Model
 from ..formats.read import read_model
 from ..render.framing import NEAR_SHARE, likely_up, robust_sphere
@@ -25,7 +27,7 @@ from ..support.errors import DataError
 class Subject:
     """The model, the cameras of its data in the order of their names (maybe none), and how it is drawn.
 
-    ``missing`` says of a run that its data are not there.
+    ``missing`` says of a run that its data are not there, ``said_up`` what is up by the data themselves.
     """
 
     model: Model
@@ -33,15 +35,22 @@ class Subject:
     background: float
     drawn: DrawnAs
     missing: str = ""
+    said_up: str | None = None
 
     @property
     def up(self) -> np.ndarray:
-        """The vertical [3]: as the model's file says, as its photographs were held, or a guess."""
-        if self.model.drawing.up:
-            return up_vector(self.model.drawing.up)
+        """The vertical [3]: as the model's file or its data say, as its photographs were held, or a guess."""
+        if said := self.model.drawing.up or self.said_up:
+            return up_vector(said)
         if self.cameras:
             return up_of_cameras(np.stack([camera.c2w for camera in self.cameras]))
         return likely_up(self.model.splats)
+
+
+def counted_order(name: str) -> tuple[list[str | int], str]:
+    """A key that sorts names as one counts: 9 before 10."""
+    parts = re.split(r"([0-9]+)", name)  # every other one is a number
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)], name
 
 
 def read_subject(model: Path, data: str | Path | None, options: PictureOptions) -> Subject:
@@ -64,11 +73,12 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
             raise DataError(model, "no such file", "give a run folder that is complete, or a model")
     read = read_model(model)
     dataset = load_dataset(data, on_disk=True) if data else None
-    views = sorted(dataset.views, key=lambda view: view.name) if dataset else []
+    views = sorted(dataset.views, key=lambda view: counted_order(view.name)) if dataset else []
     said_by_run = Drawing(trained.get("antialiased"), trained.get("near_clip"))
     drawn = drawn_as(options.drawing, said_by_run, read.drawing)
-    if not views:
+    if not views and options.near_clip is None:
         near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(read.splats)[1])
         drawn = replace(drawn, near_clip=near_clip)
     background = background_color(options.or_trained("background", trained), dataset is not None and dataset.has_alpha)
-    return Subject(read, [view.camera for view in views], background, drawn, missing)
+    said_up = read_world(dataset.path).up if dataset else None
+    return Subject(read, [view.camera for view in views], background, drawn, missing, said_up)

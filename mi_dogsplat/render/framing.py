@@ -24,7 +24,7 @@ def robust_sphere(splats: Splats) -> tuple[np.ndarray, float]:
     """(centre [3], radius) of the core of a model: the median position, and how far the nearest 90 % reach.
 
     Two standard deviations of a median primitive are added to the radius, so that a model at a single point
-    has an extent too. The unit sphere for a model without primitives.
+    has an extent too; it is at least what float32 tells apart there. The unit sphere for a model without primitives.
     """
     if splats.n_splats == 0:
         return np.zeros(3), 1.0
@@ -32,7 +32,8 @@ def robust_sphere(splats: Splats) -> tuple[np.ndarray, float]:
     centre = np.median(means, axis=0)  # [3]
     reach = float(np.quantile(np.linalg.norm(means - centre, axis=1), CORE))
     largest = np.clip(splats.log_scales.max(axis=1).astype(np.float64), -60, 60)  # [N]
-    return centre, reach + 2 * float(np.exp(np.median(largest)))
+    least = float(np.finfo(np.float32).eps * np.abs(centre).max())
+    return centre, max(reach + 2 * float(np.exp(np.median(largest))), least)
 
 
 def likely_up(splats: Splats) -> np.ndarray:

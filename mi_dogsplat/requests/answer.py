@@ -19,7 +19,7 @@ from ..support.errors import DataError
 from ..support.scene_errors import scene_error
 from .data_passes import data_passes, emptied
 from .gradual import in_steps, means
-from .masks import splat_masks, without_holdouts
+from .masks import require_counts, splat_masks, without_holdouts
 from .mattes import ranked
 from .objects import object_of_primitive
 from .request import SOURCE, Request
@@ -75,6 +75,7 @@ class Answerer:
         """Band by band."""
         assert request.model and request.camera
         shape, camera = self._model(request.model), request.camera
+        require_counts(request, number_of(shape))
         drawing = shape.drawing
         antialiased = bool(drawing.antialiased) if request.antialiased is None else request.antialiased
         names = sorted({AOV_OF_PASS[name] for name in request.passes})
@@ -111,6 +112,7 @@ class Answerer:
     def _scene(self, request: Request) -> Steps:
         """A few samples per pixel after the other."""
         splats = self._model(request.model) if request.model else None
+        require_counts(request, number_of(splats))
         scene = load_scene(request, splats)
         sensor, picture = scene.sensors()[0], {}
         for done, mean in means(scene, sensor, request, in_steps(request.samples, STEP_SAMPLES)):

@@ -22,6 +22,13 @@ def is_masked(request: Request) -> bool:
     return bool(request.holdout or request.indirect_only)
 
 
+def require_counts(request: Request, n: int) -> None:
+    """Raise ``DataError`` where the objects of the request have not ``n`` primitives."""
+    if request.counts and sum(request.counts) != n:
+        problem = f'"counts" adds up to {sum(request.counts):,}, the model has {counted(n, "primitive")}'
+        raise DataError(SOURCE, problem, "give the number of primitives of each object")
+
+
 def splat_masks(request: Request, n: int, chosen: np.ndarray | None = None) -> SplatMasks | None:
     """Of a model with ``n`` primitives, or of those that are ``chosen``; None where all are seen.
 
@@ -29,9 +36,7 @@ def splat_masks(request: Request, n: int, chosen: np.ndarray | None = None) -> S
     """
     if not is_masked(request):
         return None
-    if request.counts and sum(request.counts) != n:
-        problem = f'"counts" adds up to {sum(request.counts):,}, the model has {counted(n, "primitive")}'
-        raise DataError(SOURCE, problem, "give the number of primitives of each object")
+    require_counts(request, n)
     objects = object_of_primitive(np.arange(n) if chosen is None else chosen, request.counts)
     unseen, holdout = (np.isin(objects, numbers) for numbers in (request.indirect_only, request.holdout))
     return SplatMasks(mi.Bool(unseen), mi.Bool(holdout), bool(holdout.any())) if (unseen | holdout).any() else None

@@ -6,6 +6,7 @@ the file. There is one sensor and no integrator: that, and the splats, are added
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,20 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         integrator: Any = scene.integrator()
         integrator.masks = camera_masks(request, scene, number_of(splats))
     return scene
+
+
+def files_of(path: Path) -> list[Path]:
+    """What a scene names beside itself: meshes, pictures. Raises ``DataError`` where it is no JSON."""
+
+    def named(value: Any) -> Iterator[Path]:
+        if isinstance(value, dict):
+            if isinstance(value.get("filename"), str):
+                yield path.resolve().parent / value["filename"]
+            value = list(value.values())
+        for item in value if isinstance(value, list) else ():
+            yield from named(item)
+
+    return sorted(set(named(read_json(path, FORMAT))))
 
 
 def no_splats() -> Any:

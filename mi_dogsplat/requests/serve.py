@@ -37,7 +37,7 @@ class Lines:
     """The lines of a stream until its end, or until none has come for so many seconds; they are read ahead."""
 
     def __init__(self, stream: Iterable[str], seconds: float | None = None):
-        self._seconds = seconds
+        self._seconds = None if seconds is None or seconds > threading.TIMEOUT_MAX else seconds
         self._waiting: queue.Queue[str | None] = queue.Queue()
 
         def pump() -> None:
@@ -84,11 +84,14 @@ def serve(lines: Iterable[str], tell: Callable[[dict[str, Any]], None]) -> None:
                 raise DataError(SOURCE, '"out" names no file .npz, nor .rgba', FORMAT)
         except DataError as error:
             tell({"error": str(error)})
+        except MemoryError as error:  # of one picture; the next may be smaller
+            problem = f"not enough memory ({error or 'no more to be had'})"
+            tell({"error": str(DataError(SOURCE, problem, "ask for fewer pixels, samples or primitives"))})
 
 
 def _content(line: str) -> Any:
     try:
-        return parse_json(line)
+        return parse_json(line.removeprefix("\ufeff"))  # editors and shells of Windows begin a text with a mark
     except ValueError as error:
         raise DataError(SOURCE, f"not valid JSON ({error})", FORMAT) from error
 

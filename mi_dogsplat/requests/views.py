@@ -20,7 +20,7 @@ from ..support.scene_errors import scene_error
 from .gradual import finished, in_steps, means
 from .masks import camera_masks, splat_masks
 from .request import SOURCE
-from .scene_description import load_scene, no_splats, number_of
+from .scene_description import files_of, load_scene, no_splats, number_of
 from .shares import Shares
 from .view_request import ViewRequest
 from .view_sensor import sensor_of
@@ -92,10 +92,12 @@ class Views:
         sensor, camera = sensor_of(request), request.camera
         assert camera
         files = [path for path in (request.scene, request.model) if path]
+        named = self._keep("files", files[:1], (), lambda: files_of(files[0]))
         how = request.max_depth, request.transparent, request.hide_lamps
         drawn = request.near_clip, request.antialiased, request.mesh_shadows
         masked = request.counts, request.holdout, request.indirect_only
-        scene, quick = self._keep("scene", files, how + drawn + masked, lambda: self._load(request, sensor))
+        also = how + drawn + masked + tuple(_stamp(file) for file in named)
+        scene, quick = self._keep("scene", files, also, lambda: self._load(request, sensor))
         if not request.samples:
             with interruptible():
                 picture = np.array(mi.render(scene, sensor=sensor, integrator=quick, spp=1), np.float32)
@@ -146,7 +148,18 @@ def _bands(camera: Camera) -> list[slice]:
 
 def _signature(path: Path) -> tuple:
     try:
-        status = path.stat()
+        return _stamp(path, missing=False)
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "give a model or a scene") from error
+
+
+def _stamp(path: Path, missing: bool = True) -> tuple:
+    """What tells a file from what it was. Of one that is ``missing`` Mitsuba says so when it loads it; otherwise raises
+    ``OSError``."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError):
+        if missing:
+            return (path,)
+        raise
     return path, status.st_mtime_ns, status.st_size

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +10,19 @@ from .errors import DataError
 from .files import is_empty, read_object, write_json
 
 
-def begin(file: Path, settings: dict[str, Any], kind: str, free: Sequence[str] = ()) -> None:
+def begin(
+    file: Path, settings: dict[str, Any], kind: str, free: Sequence[str] = (), before: Mapping[str, Any] | None = None
+) -> None:
     """Make the folder of ``file`` and write the settings there, or find the same ones.
 
-    ``kind`` is what fills such a folder, a word for the error. ``free``: see ``require_same``. Raises ``DataError``.
+    ``kind`` is what fills such a folder, a word for the error. ``free``, ``before``: see ``require_same``. Raises
+    ``DataError``.
     """
     out = file.parent
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the data set")
     if file.exists():
-        require_same(file, settings, free)
+        require_same(file, settings, free, before)
     elif out.is_dir() and not is_empty(out):
         raise DataError(out, "is a folder with other contents", f"name a new folder, or that of an earlier {kind}")
     try:
@@ -28,13 +31,16 @@ def begin(file: Path, settings: dict[str, Any], kind: str, free: Sequence[str] =
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
 
 
-def require_same(file: Path, settings: dict[str, Any], free: Sequence[str] = ()) -> None:
+def require_same(
+    file: Path, settings: dict[str, Any], free: Sequence[str] = (), before: Mapping[str, Any] | None = None
+) -> None:
     """Raise ``DataError`` unless the folder was begun with these settings, but for those that are ``free`` to change.
 
-    A setting whose name ends in ``_sha256`` is the digest of a file.
+    A setting whose name ends in ``_sha256`` is the digest of a file. ``before``: what settings were in versions that
+    did not note them.
     """
     remedy = "remove the folder, or name another"
-    before = read_object(file, remedy)
+    before = {**(before or {}), **read_object(file, remedy)}
     changed = [name for name in settings if name not in free and before.get(name) != settings[name]]
     if changed:
         name = changed[0]

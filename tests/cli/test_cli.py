@@ -26,6 +26,14 @@ SMALL = ["--preset", "3dgs", "--steps", "12", "--sh-degree", "1", "--max-primiti
 # --- the commands ---
 
 
+def test_negative_numbers_of_any_notation_are_no_flags():
+    words = ["-1", "-0.5", "-.5", "-5.", "-5e-1", "-2.5E+3"]
+    flags = ["--box", *words, "--sphere", "0", "0", "-1e3", "2"]
+    args = build_parser().parse_args(["clean", "a.ply", "-o", "b.ply", *flags])
+    assert args.box == [-1, -0.5, -0.5, -5, -0.5, -2500] and args.sphere == [0, 0, -1000, 2]
+    assert build_parser().parse_args(["film", "a.ply", "-o", "b", "--elevation", "-1e1"]).elevation == -10
+
+
 def test_train_then_info_render_and_eval_on_what_it_made(capsys, data, tmp_path):
     out = tmp_path / "run"
     status, printed, bar = run(capsys, "train", data, "-o", out, *SMALL)

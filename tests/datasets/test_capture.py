@@ -111,6 +111,13 @@ def test_each_view_and_each_seed_has_noise_of_its_own(tmp_path):
     assert len(set(images)) == 4
 
 
+def test_the_largest_seed_is_one(balls, tmp_path):
+    """That of Mitsuba has 32 bits, and each view has its own."""
+    config = tiny(seed=2**31 - 1, points=0)
+    images = contents(capture(balls, tmp_path / "out", config))
+    assert len({data for name, data in images.items() if name.endswith(".png")}) == 3
+
+
 def test_rays_pass_masks_borders_of_media_and_hidden_lamps_to_the_surface(tmp_path):
     ball = '<shape type="sphere"><float name="radius" value="{}"/><bsdf type="{}">{}</bsdf>{}</shape>'
     mask = ball.format(3, "mask", '<float name="opacity" value="0.2"/><bsdf type="diffuse"/>', "")
@@ -291,6 +298,23 @@ def test_only_the_points_may_change_in_a_folder(balls, tmp_path, rendered):
     assert len(load_dataset(capture(balls, out, tiny(points=150))).points) == 150
     assert len(load_dataset(capture(balls, out, tiny(points=0))).points) == 0 and not (out / "points.ply").exists()
     assert rendered == [] and (out / "images" / "000.png").read_bytes() == before
+
+
+def test_pictures_of_radiance_and_of_a_screen_are_two_captures(balls, tmp_path):
+    for began, name in ((True, "a"), (False, "b")):
+        out = capture(balls, tmp_path / name, tiny(hdr=began, points=0))
+        before = contents(out)
+        assert f"{out}: hdr was {began} and is {not began} now;" in error_of(balls, out, tiny(hdr=not began, points=0))
+        assert contents(out) == before
+
+
+def test_a_capture_of_a_version_that_knew_no_radiance_can_be_gone_on_with(balls, captured, tmp_path, rendered):
+    shutil.copytree(captured, out := tmp_path / "out")
+    noted = json.loads((out / "capture.json").read_text())
+    del noted["hdr"]
+    (out / "capture.json").write_text(json.dumps(noted))
+    assert "hdr was False and is True now" in error_of(balls, out, tiny(hdr=True))
+    assert contents(capture(balls, out, tiny())) == contents(captured) and rendered == []
 
 
 def test_a_scene_or_list_of_cameras_that_has_changed_is_not_mixed_with_the_older_one(tmp_path):

@@ -35,6 +35,11 @@ def test_settings_that_make_no_capture_are_refused_by_the_name_of_their_flag(wro
     assert str(raised.value).startswith(problem) and "\n" not in str(raised.value)
 
 
+def test_a_centre_from_where_no_camera_can_be_told_apart_is_one_line(tmp_path):
+    config = CaptureConfig(views=2, size=(8, 6), spp=1, center=(1e30, 0.0, 0.0), radius=1.0)
+    assert "the centre 1e+30 0 0 is too far from the origin" in error_of(write_scene(tmp_path), tmp_path / "a", config)
+
+
 def test_tests_are_spread_evenly_and_training_keeps_a_view(tmp_path):
     scene = write_scene(tmp_path, *(sensor(f"s{i:02d}") for i in range(17)))
     config = CaptureConfig(path="sensors", spp=1, points=0, downscale=10)

@@ -21,6 +21,7 @@ def test_a_box_and_a_sphere_keep_the_centres_within_and_on_them():
     assert in_box(splats, (1, 0, 0), (1, 0, 0)).tolist() == [False, True, False, False, False]
     assert in_sphere(splats, (0, 0, 0), 1.0).tolist() == [True, True, False, False, True]
     assert in_sphere(splats, (0, -2, 0), 0.1).tolist() == [False, False, False, True, False]
+    assert in_sphere(splats, (0, 0, 0), 1e200).all() and not in_sphere(splats, (1e200, 0, 0), 1.0).any()
 
 
 def test_the_deviation_along_a_direction_is_that_of_the_covariance():

@@ -14,6 +14,7 @@ from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.drawing import Drawing
+from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.fit import Look
 from own_axes_models import CURVED, EACH_PLANE, SLOPED
@@ -151,6 +152,19 @@ def test_what_is_not_needed_is_not_merged_into_what_is_seen(tmp_path):
     assert quality(few, seen) > quality(read_ply(tmp_path / "seen_few.ply"), seen) - 1
 
 
+def test_the_unit_of_radiance_does_not_matter(tmp_path):
+    """What is merged goes by differences of colours, which are as large as the white is."""
+    found = {}
+    for white in (1.0, 0.001):
+        drawing, out = Drawing(linear=True, white=white), tmp_path / f"{white}_few.ply"
+        write_model(tmp_path / f"{white}.ply", Model(brightened(surface(), white), drawing))
+        told = simplify_model(tmp_path / f"{white}.ply", out, SimplifyConfig(target="90", steps=0, **FAST))
+        found[white] = brightened(read_model(out).splats, 1 / white), told.merged
+    (one, merged), (other, as_well) = found.values()
+    assert merged == pytest.approx(as_well, abs=0.05)
+    assert quality(one, surface()) == pytest.approx(quality(other, surface()), abs=0.05)
+
+
 @pytest.mark.parametrize(
     "flags, words",
     [
@@ -183,6 +197,13 @@ def test_files_that_cannot_be_simplified_are_one_line(capsys, model, tmp_path):
     assert_one_line(run(capsys, "simplify", model, "-o", model), "model.ply", "would be lost")
     write_ply(tmp_path / "empty.ply", Splats.empty(0))
     assert_one_line(run(capsys, "simplify", tmp_path / "empty.ply", "-o", out), "empty.ply", "the model is empty")
+    faint = surface()
+    faint.logit_opacities[:] = -9
+    write_ply(tmp_path / "faint.ply", faint)
+    for steps in ("0", "2"):
+        said = run(capsys, "simplify", tmp_path / "faint.ply", "-o", out, "--steps", steps, *FLAGS)
+        assert_one_line(said, "faint.ply", "all of its primitives are invisible")
+    assert not out.exists()
     assert_one_line(run(capsys, "simplify", model, "-o", tmp_path / "o.obj"), "o.obj")
     assert_one_line(run(capsys, "simplify", model, "-o", tmp_path / "o.spz", "--dog"), "--dog", "SPZ has no room")
 

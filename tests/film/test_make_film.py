@@ -16,6 +16,7 @@ from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.make import make_film
+from mi_dogsplat.film.subject import read_subject
 from mi_dogsplat.film.video import write_video
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.runs.stopping import Stopped
@@ -95,6 +96,40 @@ def test_an_exr_holds_premultiplied_linear_colour_with_alpha(model, keys, tmp_pa
     expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[2])
     np.testing.assert_allclose(file[..., :3], srgb_to_linear(expected.color), atol=1e-4)
     np.testing.assert_allclose(file[..., 3], expected.alpha, atol=1e-4)
+
+
+def test_a_folder_may_have_a_point_in_its_name(model, tmp_path):
+    (tmp_path / "take 1.2").mkdir()
+    make_film(model, tmp_path / "take 1.2", config=replace(SHORT, seconds=0.1))
+    assert sorted(p.name for p in (tmp_path / "take 1.2").iterdir()) == ["0000.png", "film.json"]
+
+
+def test_the_background_takes_nothing_of_an_exr(model, keys, tmp_path):
+    """Over white, half of a colour brighter than 1 would be clamped before the background is taken away."""
+    truth = tiny_data.truth()
+    bright = replace(truth, sh_coeffs=truth.sh_coeffs + 3, logit_opacities=np.zeros_like(truth.logit_opacities))
+    write_ply(tmp_path / "bright.ply", bright)
+    expected = tiny_data.picture(bright, tiny_data.cameras()[0])
+    assert (expected.color.max(-1) > expected.alpha + 0.1).any()
+    for background in ("black", "white"):
+        out, options = tmp_path / background / "%d.exr", PictureOptions(background=background)
+        make_film(tmp_path / "bright.ply", out, config=FilmConfig(path=str(keys), seconds=1, fps=1), options=options)
+        file = OpenEXR.File(str(tmp_path / background / "0.exr")).channels()["RGBA"].pixels
+        np.testing.assert_allclose(file[..., :3], srgb_to_linear(expected.color), atol=1e-4)
+
+
+def test_a_near_clip_that_is_given_is_kept_without_data(model, keys, tmp_path):
+    """One that nobody gave is smaller where a model is."""
+    camera = tiny_data.cameras()[0]
+    depths = camera.project(tiny_data.truth().means)[1]
+    near_clip = float(np.median(depths))
+    config = FilmConfig(path=str(keys), seconds=1, fps=1)
+    make_film(model, tmp_path / "f", config=config, options=PictureOptions(near_clip=near_clip))
+    left = tiny_data.truth().select(depths > near_clip)
+    expected = tiny_data.picture(left, camera).color
+    assert abs(expected - tiny_data.picture(tiny_data.truth(), camera).color).max() > 0.1
+    assert abs(read_png(tmp_path / "f" / "0000.png") - expected).max() <= 0.51 / 255 + 1e-4
+    assert json.loads((tmp_path / "f" / "film.json").read_text())["near_clip"] == near_clip
 
 
 def test_motion_blur_is_the_mean_of_linear_light(model, tmp_path):
@@ -183,6 +218,15 @@ def test_a_run_folder_knows_its_data_and_how_it_is_drawn(model, data, tmp_path, 
     assert path.startswith("an orbit") and path.endswith("gone, are not there: --data names them)")
 
 
+def test_an_orbit_goes_around_what_is_up_by_the_data_where_the_model_does_not_say(model, tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data")
+    held = read_subject(model, data, PictureOptions()).up
+    np.testing.assert_allclose(held, (0, 0, 1), atol=0.02)
+    for said, up in (({"up": "x"}, (1, 0, 0)), ({"scale": 2.0}, held)):
+        (data / "world.json").write_text(json.dumps(said))
+        np.testing.assert_array_equal(read_subject(model, data, PictureOptions()).up, up)
+
+
 def test_a_run_finds_its_data_from_another_working_folder(model, data, tmp_path, monkeypatch):
     folder = tmp_path / "runs" / "first"
     folder.mkdir(parents=True)
@@ -194,6 +238,18 @@ def test_a_run_finds_its_data_from_another_working_folder(model, data, tmp_path,
     monkeypatch.chdir(elsewhere)
     film = make_film(folder, tmp_path / "f", config=replace(SHORT, path="cameras"))
     assert film.path == "along 8 cameras"
+
+
+def test_photographs_are_followed_as_one_counts(model, data, tmp_path):
+    """By the letters of their names they would begin with 10 and end with 9, too short a detour to look for a tour."""
+    content, order = json.loads((data / "transforms.json").read_text()), ["9", "10", "11", "100b", "0100c", "a1", "a02"]
+    for frame, name in zip(content["frames"], [*order, "b"], strict=True):
+        (tmp_path / f"{name}.png").write_bytes((data / frame["file_path"]).read_bytes())
+        frame["file_path"] = f"{name}.png"
+    del content["ply_file_path"]
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    found = [camera.position for camera in read_subject(model, tmp_path, PictureOptions()).cameras]
+    np.testing.assert_allclose(found, [camera.position for camera in tiny_data.cameras()], atol=1e-6)
 
 
 def test_photographs_of_one_side_are_followed(model, tmp_path, monkeypatch):

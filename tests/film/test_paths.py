@@ -76,6 +76,15 @@ def test_paths_are_told_apart_by_where_they_lead_whatever_the_last_bits():
 # --- orbits ---
 
 
+def test_an_orbit_around_a_point_far_from_the_origin_has_cameras():
+    """Whose extent is less than any number tells apart there."""
+    model = tiny_data.truth()
+    model.means[:], model.log_scales[:] = (1000, 5, 3), -40
+    path = orbit(around_model(model, Z, None), FilmConfig())
+    for share in (0.0, 0.3):
+        assert path.at(share).camera(64, 48).project(model.means[:1])[0][0] == pytest.approx([32, 24], abs=0.01)
+
+
 @pytest.mark.parametrize("elevation", [-30.0, 0.0, 70.0])
 def test_an_orbit_is_a_level_circle_that_looks_at_the_model(elevation):
     model = tiny_data.truth()
@@ -156,6 +165,21 @@ def test_the_path_is_taken_at_an_even_pace():
     assert steps.max() < 1.1 * steps.min()
 
 
+def test_a_change_of_the_lens_at_one_place_takes_time_and_does_not_swing_beyond():
+    def camera(x: float, focal: float) -> Camera:
+        w2c = np.eye(4)
+        w2c[:3, 3] = -x, 0, 5
+        return Camera(w2c, focal, focal, 8, 6, 16, 12)
+
+    for near in (1e-4, 0.0):  # from a tripod
+        cameras = [*(camera(x, 20) for x in range(5)), *(camera(x + near, 60) for x in range(4, 9))]
+        path = cameras_path(cameras, FilmConfig(smoothing=0))
+        focals = np.array([path.at(share).focal for share in np.linspace(0, 1, 101)]) * 12
+        assert focals.min() > 17 and focals.max() < 70
+        steps = np.abs(np.diff(np.log(focals)))
+        assert steps.max() < 0.1  # no leap
+
+
 def test_scattered_cameras_are_visited_along_a_short_tour():
     rng = np.random.default_rng(0)
     line = np.arange(30.0)
@@ -200,6 +224,22 @@ def test_every_kind_of_key_is_met_at_its_time(tmp_path):
     assert first.focal == pytest.approx(second.focal) == focal_of_fov(50)  # kept where a key says none
     np.testing.assert_allclose(third.c2w, camera.c2w, atol=1e-9)
     np.testing.assert_allclose(third.camera(48, 36).K, camera.K)
+
+
+def test_a_key_that_is_a_camera_keeps_its_principal_point_at_any_size(tmp_path):
+    """That of Blender's shifted lenses; between keys it moves evenly."""
+    pose = tiny_data.cameras()[3].w2c
+    listed = [Camera(pose, 60, 60, cx, cy, 64, 48) for cx, cy in ((44, 12), (32, 24))]
+    entries = []
+    for camera in listed:
+        write_camera(tmp_path / "camera.json", camera)
+        entries.append(json.loads((tmp_path / "camera.json").read_text()))
+    path = key_frames_path(keys_file(tmp_path, entries), Z, None)
+    np.testing.assert_allclose(path.at(0).camera(64, 48).K, listed[0].K)
+    np.testing.assert_allclose(path.at(1).camera(64, 48).K, listed[1].K)
+    np.testing.assert_allclose(path.at(0.5).camera(128, 96).K[:2, 2], [76, 36])
+    middle = key_frames_path(keys_file(tmp_path, [entries[1]] * 2), Z, None)
+    assert path.sha256(np.zeros(1)) != middle.sha256(np.zeros(1))
 
 
 def test_between_keys_that_look_at_points_the_camera_looks_at_points_between(tmp_path):
@@ -259,7 +299,10 @@ GOOD = {"position": [3, 0, 0], "look_at": [0, 0, 0]}
         ([{**GOOD, "time": -1e308}, {**GOOD, "time": 1e308}], 'key 0: "time" is beyond 1e+15'),
         ([{**GOOD, "time": 0}, {**GOOD, "time": 1e-320}], "key 1 is not later"),
         ({"keys": [GOOD], "up": [1e200, 0, 1e200]}, '"up" is beyond 1e+15'),
+        ({"keys": [GOOD], "up": [10**400, 0, 1]}, '"up" is not 3 numbers'),
+        ([{**GOOD, "time": time, "fov": 40 if time < 5 else 25} for time in (0, 4.999, 5, 60)], '"fov" changes so'),
         ([{"w2c": np.eye(4).tolist(), "fx": 1e-300, "width": 9, "height": 9}, GOOD], "key 0: its position is beyond"),
+        ([{"w2c": np.eye(4).tolist(), "fx": 9, "cx": 1e99, "width": 9, "height": 9}, GOOD], "its principal point is"),
     ],
 )
 def test_what_is_no_key_is_named(tmp_path, content, words):

@@ -178,11 +178,37 @@ def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
     assert np.load(out)["color"].shape == (HEIGHT, WIDTH, 3)
 
 
+@pytest.mark.parametrize("counts", [[39], [10, 31]])
+def test_objects_that_are_not_all_of_the_model_are_refused_whatever_is_asked_for(folder, counts):
+    """Splats beyond them would be of an object that nobody knows."""
+    alone = {"camera": camera_json(CAMERA), "passes": ["object"]}
+    for asked in (alone, {"scene": str(folder / "scene.json"), "samples": 1}):
+        (said,) = told([{"out": "a.npz", "model": str(folder / "model.ply"), "counts": counts, **asked}])
+        assert said["error"].startswith(f'request: "counts" adds up to {sum(counts)}, the model has 40 primitives;')
+
+
 def test_lines_that_are_no_text_or_too_deep_are_answered(tmp_path, capfd):
     (tmp_path / "requests").write_bytes(b"\xff\xfe\n" + b"[" * 100_000 + b"\n")
     status = main(["serve", str(tmp_path / "requests"), "--variant", mi.variant() or "auto"])
     first, second = map(json.loads, capfd.readouterr().out.splitlines())
     assert status == 0 and "not valid JSON" in first["error"] and "too deep" in second["error"]
+
+
+def test_a_mark_of_the_byte_order_before_the_first_line_is_no_part_of_it(folder, tmp_path, capfd):
+    request = {"out": str(tmp_path / "a.npz"), "model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
+    (tmp_path / "requests").write_text(json.dumps(request), encoding="utf-8-sig")
+    status = main(["serve", str(tmp_path / "requests"), "--variant", mi.variant() or "auto"])
+    assert status == 0 and json.loads(capfd.readouterr().out.splitlines()[-1]) == {"done": request["out"]}
+
+
+def test_a_picture_beyond_the_memory_is_one_line_and_the_next_one_is_answered(folder, tmp_path):
+    scene = {"scene": str(folder / "scene.json"), "samples": 10**13}
+    view = {**scene, "out": str(tmp_path / "view.rgba"), "camera": camera_json(CAMERA)}
+    good = {"out": str(tmp_path / "b.npz"), "model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
+    first, second, third = told([{**scene, "out": str(tmp_path / "a.npz")}, view, good])
+    assert third == {"done": good["out"]}
+    for said in (first, second):
+        assert said["error"].startswith("request: not enough memory (") and "; ask for fewer" in said["error"]
 
 
 def test_a_stream_that_fails_is_a_stream_that_ends():
@@ -282,6 +308,7 @@ def test_a_process_ends_when_nobody_asks():
         time.sleep(30)
 
     assert list(Lines(slow(), 0.05)) == ["first"]
+    assert list(Lines(["a"], float("inf"))) == list(Lines(["a"], 1e10)) == ["a"]
     assert list(Lines(["a", "b"], 60)) == list(Lines(["a", "b"])) == ["a", "b"]
 
 

@@ -3,6 +3,7 @@
 import io
 import json
 import threading
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -213,6 +214,32 @@ def test_a_model_that_has_changed_is_read_again(folder, views, tmp_path):
     before = last(views, request)
     write_ply(path, SPLATS.select(np.arange(20)))
     assert np.abs(last(views, request) - before).max() > 0.01
+
+
+def test_a_scene_whose_mesh_has_changed_is_read_again_and_no_other(views, tmp_path, monkeypatch):
+    def write(size: float) -> None:
+        cube: Any = mi.load_dict({"type": "cube", "to_world": mi.ScalarTransform4f().scale(size)})
+        cube.write_ply(str(tmp_path / "m.ply"))
+
+    def covered() -> float:
+        w2c = np.eye(4)
+        w2c[2, 3] = 4
+        camera = camera_json(Camera(w2c, 20, 20, 8, 6, 16, 12))
+        request = {"scene": str(tmp_path / "s.json"), "camera": camera, "samples": 0, "transparent": True}
+        return float(last(views, request)[..., 3].sum())
+
+    scene = {"object_0": {"type": "ply", "filename": "m.ply"}, "sky": {"type": "constant"}}
+    (tmp_path / "s.json").write_text(json.dumps(scene))
+    write(0.5)
+    small = covered()
+    with monkeypatch.context() as patch:
+        patch.setattr(views_module, "load_scene", None)  # it is kept
+        assert covered() == small
+    write(1.2)
+    assert covered() > 2 * small
+    (tmp_path / "m.ply").unlink()
+    with pytest.raises(DataError, match="s.json: .*m.ply"):
+        covered()
 
 
 def test_a_kept_scene_learns_that_its_surfaces_cast_shadows(folder, views):
