@@ -95,7 +95,8 @@ def rewrapped(path: Path, data: bytes) -> bytes:
     """A file of version 3 as one of version 4. Raises ``DataError``, also where the package zstandard is missing."""
     payload, zstandard = unwrapped(path, data), zstandard_for(path)
     packer = zstandard.ZstdCompressor(level=LEVEL)
-    raw = [content for content in payload.attributes.values() if content]
+    sizes = attribute_sizes(payload.version, payload.degree)
+    raw = [content for name, content in payload.attributes.items() if sizes[name]]
     streams = [packer.compress(content) for content in raw]
     header = HEADER.pack(MAGIC, 4, payload.n, payload.degree, payload.fraction_bits, payload.flags, len(streams))
     table = b"".join(SIZES.pack(len(stream), len(content)) for stream, content in zip(streams, raw, strict=True))
