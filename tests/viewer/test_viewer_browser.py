@@ -4,17 +4,18 @@ import json
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import browser
 import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
-from mi_dogsplat import write_ply
+from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.arrays import write_arrays
-from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS
+from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS, Pose
 
 pytest.importorskip("viser", reason="needs viser: pip install 'mi_dogsplat[view]'", exc_type=ModuleNotFoundError)
 from mi_dogsplat.viewer.server import Server  # noqa: E402
@@ -135,6 +136,41 @@ def test_flags_come_before_what_the_run_was_trained_with(capsys, data, model, tm
     assert shown() == (1.0, width // 2)
     assert shown("--background", "black", "--downscale", 3) == (0.0, width // 3)
     assert shown("--data", data) == (1.0, width)  # of other data the run knows nothing
+
+
+def served_once(server: Server, monkeypatch) -> Server:
+    """The server after one look at its file."""
+    monkeypatch.setattr("mi_dogsplat.viewer.server.POLL_SECONDS", 0.0)
+    server.serve(0.02)
+    return server
+
+
+def test_a_file_that_changes_is_drawn_as_it_says_then(tmp_path, monkeypatch):
+    path, plain = tmp_path / "m.ply", tiny_data.truth().uniform_sh(0)
+    write_model(path, Model(plain, Drawing(antialiased=True, up="-y")))
+    server = Server(Source(path), port=8766)
+    assert server.settings.sh_degree == 0
+    colourful = replace(plain, sh_coeffs=np.pad(plain.sh_coeffs, ((0, 0), (0, 8), (0, 0)), constant_values=0.3))
+    write_model(path, Model(colourful, Drawing(antialiased=False, near_clip=0.01, linear=True, white=2.5)))
+    now, pose = served_once(server, monkeypatch), Pose((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -4.0), 0.8, 1.0)
+    anew = Server(Source(path), port=8767)
+    drawn = [(s.drawing.antialiased, s.drawing.near_clip, s.drawing.linear, s.drawing.white) for s in (now, anew)]
+    assert drawn[0] == drawn[1] == (False, 0.01, True, 2.5)
+    assert now.settings == anew.settings and now.settings.sh_degree == 2
+    a, b = (s.drawing.draw(pose, s.settings).image for s in (now, anew))
+    assert np.array_equal(a, b) and a.any()
+    now.stop()
+    anew.stop()
+
+
+def test_a_file_that_was_away_is_no_trouble_once_it_is_back(model, tmp_path, monkeypatch):
+    server = Server(Source(model), port=8768)
+    before = server.statistics("")
+    model.rename(tmp_path / "away.ply")
+    assert "shown as it was" in served_once(server, monkeypatch).statistics("")
+    (tmp_path / "away.ply").rename(model)
+    assert served_once(server, monkeypatch).statistics("") == before
+    server.stop()
 
 
 def test_arrays_that_are_no_checkpoint_are_refused_in_one_line(capsys, tmp_path):
