@@ -166,6 +166,8 @@ def test_a_version_of_spz_that_cannot_be_written_is_told_before_anything_is_refi
 
 def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.glb", "--small"), "--small", "glTF", ".spz")
+    wrong = run(capsys, "export", model, "-o", tmp_path / "out.ply", "--spz-version", "4")
+    assert_one_line(wrong, "--spz-version", "PLY", ".spz")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.obj"), "out.obj", ".spz")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--dog", "keep"), "--dog", "bake")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--views", "-1"), "--views")
