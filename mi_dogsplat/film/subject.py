@@ -11,7 +11,7 @@ import numpy as np
 from ..datasets import load_dataset
 from ..formats.model import Model
 from ..formats.read import read_model
-from ..render.framing import NEAR_SHARE, likely_up, robust_sphere
+from ..render.framing import likely_up, near_clip_for
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL, read_run
@@ -68,7 +68,6 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
     said_by_run = Drawing(trained.get("antialiased"), trained.get("near_clip"))
     drawn = drawn_as(options.drawing, said_by_run, read.drawing)
     if not views:
-        near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(read.splats)[1])
-        drawn = replace(drawn, near_clip=near_clip)
+        drawn = replace(drawn, near_clip=near_clip_for(read.splats, drawn.near_clip, options.near_clip))
     background = background_color(options.or_trained("background", trained), dataset is not None and dataset.has_alpha)
     return Subject(read, [view.camera for view in views], background, drawn, missing)

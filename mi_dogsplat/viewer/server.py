@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..datasets.dataset import Dataset
-from ..render.framing import NEAR_SHARE, automatic_camera, robust_sphere, vertical
+from ..render.framing import automatic_camera, near_clip_for, robust_sphere, vertical
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..scene.cameras import Camera
@@ -49,7 +49,8 @@ class Server:
         source: the model; it is polled while the viewer runs.
         dataset: its photographs, if there are any.
         background: grey level of ``BACKGROUNDS``.
-        options: how to draw it, before what the source says; near_clip is smaller where a model without data is small.
+        options: how to draw it, before what the source says; a near_clip of None is smaller where a model without data
+            is small.
     """
 
     def __init__(
@@ -86,8 +87,9 @@ class Server:
     def _drawn(self, splats: Splats, beside_views: bool) -> DrawnAs:
         """How a model of the source is drawn, which its file may say."""
         drawn = drawn_as(self.options.drawing, self.source.drawing)
-        near_clip = drawn.near_clip if beside_views else min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-        return replace(drawn, near_clip=near_clip)
+        if beside_views:
+            return drawn
+        return replace(drawn, near_clip=near_clip_for(splats, drawn.near_clip, self.options.near_clip))
 
     def _start_at(self, camera: Camera, splats: Splats) -> None:
         """Let visitors begin at a camera and turn about the middle of the model."""

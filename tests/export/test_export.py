@@ -10,12 +10,14 @@ from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.export.bake import RATIOS, baked, nearest_gaussians
 from mi_dogsplat.export.export_config import ExportConfig
-from mi_dogsplat.export.losses import Loss, Views, losses, mean_psnr
+from mi_dogsplat.export.losses import Loss, Views, losses, mean_psnr, views_of
 from mi_dogsplat.export.write import export_model
 from mi_dogsplat.formats import gltf, spz
 from mi_dogsplat.formats.packing import LUF, turned
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.render.framing import cameras_around, robust_sphere
+from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.scene.drawing import drawn_as
 from mi_dogsplat.scene.splats import Splats
 from scipy.integrate import dblquad
 from scipy.optimize import minimize
@@ -152,6 +154,12 @@ def test_cameras_around_a_model_all_see_its_middle():
     for camera in cameras_around(model, 5):
         pixels, depth = camera.project(centre)
         assert depth > 0 and pixels[0] == pytest.approx([camera.width / 2, camera.height / 2])
+
+
+def test_a_near_clip_that_is_asked_for_holds_without_data():
+    model, asked = tiny_data.truth(), PictureOptions(near_clip=2.0)
+    views = [views_of(model, None, 2, options, drawn_as(options.drawing)) for options in (asked, PictureOptions())]
+    assert views[0].near_clip == 2.0 > views[1].near_clip
 
 
 @pytest.mark.parametrize("version", ["4", "5"])

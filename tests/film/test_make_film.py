@@ -16,6 +16,7 @@ from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.make import make_film
+from mi_dogsplat.film.subject import read_subject
 from mi_dogsplat.film.video import write_video
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.runs.stopping import Stopped
@@ -181,6 +182,11 @@ def test_a_run_folder_knows_its_data_and_how_it_is_drawn(model, data, tmp_path, 
     (folder / "config.json").write_text(json.dumps({"data": str(tmp_path / "gone")}))
     path = make_film(folder, tmp_path / "h", config=SHORT).path
     assert path.startswith("an orbit") and path.endswith("gone, are not there: --data names them)")
+
+
+def test_a_near_clip_that_is_asked_for_holds_without_data(model):
+    asked, framed = (read_subject(model, None, PictureOptions(near_clip=near)).drawn.near_clip for near in (2.0, None))
+    assert asked == 2.0 > framed
 
 
 def test_a_run_finds_its_data_from_another_working_folder(model, data, tmp_path, monkeypatch):

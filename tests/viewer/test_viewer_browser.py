@@ -13,6 +13,7 @@ import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.arrays import write_arrays
 from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS, Pose
@@ -161,6 +162,13 @@ def test_a_file_that_changes_is_drawn_as_it_says_then(tmp_path, monkeypatch):
     assert np.array_equal(a, b) and a.any()
     now.stop()
     anew.stop()
+
+
+def test_a_near_clip_that_is_asked_for_holds_without_data(model):
+    servers = [Server(Source(model), options=PictureOptions(near_clip=asked), port=8769) for asked in (2.0, None)]
+    assert servers[0].drawing.near_clip == 2.0 and 0 < servers[1].drawing.near_clip <= 0.2
+    for server in servers:
+        server.stop()
 
 
 def test_a_file_that_was_away_is_no_trouble_once_it_is_back(model, tmp_path, monkeypatch):
