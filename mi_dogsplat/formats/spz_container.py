@@ -140,7 +140,10 @@ def _check(path: Path, magic: int, version: int, degree: int, versions: tuple[in
     if magic != MAGIC:
         raise DataError(path, "is no SPZ file: its header does not begin with NGSP", AGAIN)
     if version not in versions:
-        raise DataError(path, f"is SPZ of version {version}", "convert it to version 2, 3 or 4")
+        in_gzip = "pack it with gzip, which versions 2 and 3 are in"  # a browser may have unpacked it
+        remedies = {2: in_gzip, 3: in_gzip, 4: "unpack it: versions 2 and 3 alone are in gzip"}
+        remedy = remedies.get(version, "convert it to version 2, 3 or 4")
+        raise DataError(path, f"is SPZ of version {version}", remedy)
     if degree > MAX_DEGREE:
         raise DataError(path, f"has spherical harmonics of degree {degree}, there are 0 to {MAX_DEGREE}", AGAIN)
 

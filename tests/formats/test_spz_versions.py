@@ -108,5 +108,11 @@ def test_what_does_not_fit_is_refused(tmp_path):
         path.write_bytes(broken)
         with pytest.raises(DataError, match=words):
             read_model(path)
+    for wrapped, words in (
+        (HEADER.pack(*header) + body, "version 3; pack it with gzip"), (gzip.compress(data), "version 4; unpack it"),
+    ):  # fmt: skip
+        path.write_bytes(wrapped)
+        with pytest.raises(DataError, match=words):
+            read_model(path)
     with pytest.raises(DataError, match="use version 3 or 4"):
         write_model(path, foreign_model.model(), spz_version=2)
