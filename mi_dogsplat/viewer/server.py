@@ -199,6 +199,8 @@ class Server:
         camera = client.camera
         wxyz, position = (tuple(float(x) for x in values) for values in (camera.wxyz, camera.position))
         pose = Pose(wxyz, position, float(camera.fov), float(camera.aspect))  # type: ignore[arg-type]
+        if not pose.makes_sense:  # the picture before stays
+            return False
         drawn = self.drawing.draw(pose, self.settings, moving=due == "small")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # the visitor may have left while we drew

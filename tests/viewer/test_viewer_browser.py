@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import browser
 import numpy as np
@@ -16,7 +17,7 @@ from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.arrays import write_arrays
-from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS, Pose
+from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS, Pace, Pose
 
 pytest.importorskip("viser", reason="needs viser: pip install 'mi_dogsplat[view]'", exc_type=ModuleNotFoundError)
 from mi_dogsplat.viewer.server import Server  # noqa: E402
@@ -169,6 +170,20 @@ def test_a_near_clip_that_is_asked_for_holds_without_data(model):
     assert servers[0].drawing.near_clip == 2.0 and 0 < servers[1].drawing.near_clip <= 0.2
     for server in servers:
         server.stop()
+
+
+def test_a_camera_that_makes_no_sense_leaves_the_viewer_to_others(model):
+    server, pictures = Server(Source(model), port=8770), []
+    scene = SimpleNamespace(set_background_image=lambda image, **_: pictures.append(image.shape))
+    good = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, -4.0), "fov": 0.8, "aspect": 1.5}
+    for wrong in ({"position": (np.nan, 0, 0)}, {"wxyz": (np.inf, 0, 0, 0)}, {"fov": 0.0}, {"fov": 4.0}, {}):
+        pace = Pace()
+        pace.changed()
+        visitor = SimpleNamespace(camera=SimpleNamespace(**good | wrong), scene=scene)
+        server.visitors[len(server.visitors)] = visitor, pace
+    server.serve(0.02)
+    assert pictures == [(600, 900, 3)]
+    server.stop()
 
 
 def test_a_file_that_was_away_is_no_trouble_once_it_is_back(model, tmp_path, monkeypatch):
