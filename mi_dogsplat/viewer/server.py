@@ -198,7 +198,11 @@ class Server:
             return False
         camera = client.camera
         wxyz, position = (tuple(float(x) for x in values) for values in (camera.wxyz, camera.position))
-        pose = Pose(wxyz, position, float(camera.fov), float(camera.aspect))  # type: ignore[arg-type]
+        try:
+            aspect = float(camera.aspect)
+        except ZeroDivisionError:  # of a window without an area
+            aspect = math.nan
+        pose = Pose(wxyz, position, float(camera.fov), aspect)  # type: ignore[arg-type]
         if not pose.makes_sense:  # the picture before stays
             return False
         drawn = self.drawing.draw(pose, self.settings, moving=due == "small")

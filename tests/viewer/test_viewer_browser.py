@@ -172,6 +172,26 @@ def test_a_near_clip_that_is_asked_for_holds_without_data(model):
         server.stop()
 
 
+class FlatCamera:
+    """That of a window without height, as viser has it."""
+
+    wxyz, position, fov = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -4.0), 0.8
+
+    @property
+    def aspect(self) -> float:
+        return 900.0 / 0
+
+
+def test_a_window_without_height_does_not_end_the_viewer(model):
+    server, pictures = Server(Source(model), port=8771), []
+    scene, pace = SimpleNamespace(set_background_image=lambda image, **_: pictures.append(image.shape)), Pace()
+    pace.changed()
+    server.visitors[0] = SimpleNamespace(camera=FlatCamera(), scene=scene), pace
+    server.serve(0.02)
+    assert pictures == [(600, 600, 3)]
+    server.stop()
+
+
 def test_a_camera_that_makes_no_sense_leaves_the_viewer_to_others(model):
     server, pictures = Server(Source(model), port=8770), []
     scene = SimpleNamespace(set_background_image=lambda image, **_: pictures.append(image.shape))
