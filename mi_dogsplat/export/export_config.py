@@ -44,6 +44,8 @@ class ExportConfig:
         for name, how in {"slopes": self.slopes, "cuts": self.cuts, "shifts": self.shifts}.items():
             if how == "keep" and not getattr(chosen, name):
                 refuse(name, f"{chosen.name} has no room for them", "use drop")
+        if self.spz_version != SPZ_VERSIONS[0] and chosen.name != "SPZ":
+            refuse("spz_version", f"{chosen.name} has no versions", "leave it out, or name a file that ends in .spz")
         if self.small and chosen.name not in SMALL_GRIDS:
             refuse("small", f"{chosen.name} has no codes that compress", "name a file that ends in .spz or .sog")
         if self.small and upright:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..datasets.dataset import Dataset
 from ..measure.metrics import psnr
-from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
+from ..render.framing import cameras_around, near_clip_for
 from ..render.picture import background_color, exposed_by, photograph, picture_of
 from ..render.picture_options import PictureOptions
 from ..scene.cameras import Camera
@@ -59,7 +59,7 @@ def views_of(
     """At most ``count`` test views of a data set, training views where it has none; else views from around a model."""
     how = drawn.antialiased, drawn.linear
     if dataset is None:
-        near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+        near_clip = near_clip_for(splats, drawn.near_clip, options.near_clip)
         background = background_color(options.background, False)
         return Views(cameras_around(splats, count, up), [], background, near_clip, *how, drawn.white)
     background = background_color(options.background, dataset.has_alpha)

@@ -33,6 +33,7 @@ from ..support.files import replacing
 from ..support.versions import versions
 from ..support.wording import in_words
 from ..training.initialize import region_of_interest
+from .stages import on_grids
 
 PAGE = ".html"
 BUNDLE = "model.sog"
@@ -84,8 +85,11 @@ def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
     return Opening(title, camera.position, target, subject.up, tangents, subject.background, *had)
 
 
-def write_page(out: Path, model: Model, opening: Opening) -> list[str]:
+def write_page(out: Path, model: Model, opening: Opening, grids: str | None = None) -> list[str]:
     """Write a model of plain Gaussians as a page; returns a line for each thing that it has no room for.
+
+    Args:
+        grids: those that the model is on, by their name in ``SMALL_GRIDS``, and is to be on in the page too.
 
     Raises ``DataError``.
     """
@@ -93,6 +97,8 @@ def write_page(out: Path, model: Model, opening: Opening) -> list[str]:
     matrix = np.eye(4)
     matrix[:3, :3] = turn
     turned = Model(transformed(model.splats, matrix), replace(model.drawing, up=UP))
+    if grids and turned.splats is not model.splats:  # a turn leaves them
+        turned = replace(turned, splats=on_grids(turned.splats, grids, drawn_as(model.drawing)))
     with TemporaryDirectory() as folder:
         lost = write_model(Path(folder) / BUNDLE, turned)
         bundle = (Path(folder) / BUNDLE).read_bytes()
@@ -123,7 +129,7 @@ def write_page(out: Path, model: Model, opening: Opening) -> list[str]:
     template = Template((files("mi_dogsplat.export") / "web_page.html").read_text(encoding="utf-8"))
     page = template.substitute(parts)
     with writing(out), replacing(out) as part:
-        part.write_text(page, encoding="utf-8")
+        part.write_text(page, encoding="utf-8", errors="backslashreplace")  # a name may be no UTF-8
     return lost
 
 

@@ -92,7 +92,7 @@ def export_model(
         plain = stages["on the grids of a small file"] = on_grids(plain, grids, drawn)
     written, matrix = replace(read, splats=plain, drawing=drawing), np.eye(4)
     if page:  # which is always upright
-        left_out += _write_page(model, out, written, config.dog, data, options)
+        left_out += _write_page(model, out, written, config.dog, grids, data, options)
     else:
         written, matrix = upright(written) if world.upright else (written, matrix)
         left_out += write_model(out, written, config.spz_version)
@@ -105,12 +105,19 @@ def export_model(
 
 
 def _write_page(
-    model: Path, out: Path, written: Model, dog: str, data: str | Path | None, options: PictureOptions
+    model: Path,
+    out: Path,
+    written: Model,
+    dog: str,
+    grids: str | None,
+    data: str | Path | None,
+    options: PictureOptions,
 ) -> list[str]:
     """A page that opens as the model was photographed, where that is known; what is left out."""
     subject = read_subject(model, data, options)
+    subject = replace(subject, model=replace(subject.model, drawing=written.drawing))  # flags may say what is up
     title = model.resolve().parent.name if model.name == MODEL else model.stem
-    return write_page(out, written, opening_of(subject, title, dog))
+    return write_page(out, written, opening_of(subject, title, dog), grids)
 
 
 def _steps(config: ExportConfig, something_taken_out: bool) -> int | None:

@@ -13,7 +13,7 @@ from ..datasets import load_dataset
 from ..datasets.world import read_world
 from ..formats.model import Model
 from ..formats.read import read_model
-from ..render.framing import NEAR_SHARE, likely_up, robust_sphere
+from ..render.framing import likely_up, near_clip_for
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL, read_run
@@ -76,9 +76,8 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
     views = sorted(dataset.views, key=lambda view: counted_order(view.name)) if dataset else []
     said_by_run = Drawing(trained.get("antialiased"), trained.get("near_clip"))
     drawn = drawn_as(options.drawing, said_by_run, read.drawing)
-    if not views and options.near_clip is None:
-        near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(read.splats)[1])
-        drawn = replace(drawn, near_clip=near_clip)
+    if not views:
+        drawn = replace(drawn, near_clip=near_clip_for(read.splats, drawn.near_clip, options.near_clip))
     background = background_color(options.or_trained("background", trained), dataset is not None and dataset.has_alpha)
     said_up = read_world(dataset.path).up if dataset else None
     return Subject(read, [view.camera for view in views], background, drawn, missing, said_up)

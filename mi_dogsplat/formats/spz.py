@@ -45,6 +45,7 @@ FRACTION_BITS = 12  # of a position, as in the reference encoder: a quarter of a
 MOST_BITS = 30  # readers shift a 32-bit 1 by them
 COLOR_SCALE = 0.15
 BRIGHTEST = 0.5 + C0 * 0.5 / COLOR_SCALE  # colour of code 255
+LOG_SCALES = -10.0, 255 / 16 - 10  # of codes 0 and 255
 LINEAR_BRIGHTEST = 1024.0  # of linear models, in units of white
 FLATTER = (BRIGHTEST - 1) / float(linear_to_srgb_log(LINEAR_BRIGHTEST) - 1)  # slope above white, of the tone curve's
 CURVE = "dogsplat curve srgb_log"

@@ -95,7 +95,8 @@ def rewrapped(path: Path, data: bytes) -> bytes:
     """A file of version 3 as one of version 4. Raises ``DataError``, also where the package zstandard is missing."""
     payload, zstandard = unwrapped(path, data), zstandard_for(path)
     packer = zstandard.ZstdCompressor(level=LEVEL)
-    raw = [content for content in payload.attributes.values() if content]
+    sizes = attribute_sizes(payload.version, payload.degree)
+    raw = [content for name, content in payload.attributes.items() if sizes[name]]
     streams = [packer.compress(content) for content in raw]
     header = HEADER.pack(MAGIC, 4, payload.n, payload.degree, payload.fraction_bits, payload.flags, len(streams))
     table = b"".join(SIZES.pack(len(stream), len(content)) for stream, content in zip(streams, raw, strict=True))
@@ -139,7 +140,10 @@ def _check(path: Path, magic: int, version: int, degree: int, versions: tuple[in
     if magic != MAGIC:
         raise DataError(path, "is no SPZ file: its header does not begin with NGSP", AGAIN)
     if version not in versions:
-        raise DataError(path, f"is SPZ of version {version}", "convert it to version 2, 3 or 4")
+        in_gzip = "pack it with gzip, which versions 2 and 3 are in"  # a browser may have unpacked it
+        remedies = {2: in_gzip, 3: in_gzip, 4: "unpack it: versions 2 and 3 alone are in gzip"}
+        remedy = remedies.get(version, "convert it to version 2, 3 or 4")
+        raise DataError(path, f"is SPZ of version {version}", remedy)
     if degree > MAX_DEGREE:
         raise DataError(path, f"has spherical harmonics of degree {degree}, there are 0 to {MAX_DEGREE}", AGAIN)
 

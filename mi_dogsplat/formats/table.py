@@ -28,6 +28,7 @@ class Format:
     single ones. empty: it may hold no primitive at all. sh_degree: the highest that it holds.
     order: in which primitives compress best; None: it does not matter. in_white: linear colours are in units of white
     in the file, as its codes are made for 0 to 1. brightest: of colours, in these units, which it can say.
+    log_scales: the least and the greatest that it can say.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Format:
     order: Callable[[Splats], Array] | None = None
     in_white: bool = False
     brightest: float = math.inf
+    log_scales: tuple[float, float] = (-math.inf, math.inf)
 
 
 def _read_ply(path: Path) -> Model:
@@ -87,6 +89,7 @@ COMPRESSED_PLY = Format(
     shifts=True,
     order=in_space,
     in_white=True,
+    log_scales=(-compressed_ply.MAX_LOG_SCALE, compressed_ply.MAX_LOG_SCALE),
 )
 SPZ = Format(
     "SPZ",
@@ -97,6 +100,7 @@ SPZ = Format(
     order=by_color,
     in_white=True,
     brightest=spz.LINEAR_BRIGHTEST,
+    log_scales=spz.LOG_SCALES,
 )
 SOG = Format(
     "SOG",

@@ -22,6 +22,7 @@ from .spz_container import rewrapped, zstandard_for
 from .table import PLY, SPZ, Format, format_to_write, write_bytes
 
 SPZ_VERSIONS = (3, 4)  # that are written
+CLAMPED = 1 / 32  # by which a log scale is out of range: half a step of SPZ, less is rounding
 
 
 def write_model(
@@ -109,6 +110,11 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
         lost.append(f"{chosen.name} has no place that depends on the view: {what}, each has its mean place")
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
+    least, most = chosen.log_scales
+    largest = model.splats.log_scales.max(axis=1)  # [N]; what is flat is often flatter than any format can say
+    if n := int(((largest < least - CLAMPED) | (largest > most + CLAMPED)).sum()):
+        sizes = f"below {math.exp(least):.3g} or above {math.exp(most):.3g}"
+        lost.append(f"{chosen.name} has no scales {sizes}, to which it clamps {counted(n, 'primitive')}")
     if model.drawing.linear and math.isfinite(chosen.brightest):
         most = chosen.brightest * (model.drawing.white or 1.0)
         if n := int((0.5 + C0 * model.splats.sh_coeffs[:, 0] > most).any(axis=1).sum()):

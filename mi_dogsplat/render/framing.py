@@ -58,6 +58,12 @@ def vertical(splats: Splats, up_axis: str | None) -> np.ndarray:
     return up_vector(up_axis) if up_axis else likely_up(splats)
 
 
+def near_clip_for(splats: Splats, near_clip: float, asked: float | None) -> float:
+    """The near clip of views that nobody chose, which may stand close to a small model: what was ``asked`` for, else
+    ``near_clip`` or less."""
+    return min(near_clip, NEAR_SHARE * robust_sphere(splats)[1]) if asked is None else asked
+
+
 def automatic_camera(splats: Splats, up_axis: str | None = None) -> Camera:
     """A camera that frames the core of a model, for when nobody says where to look from.
 

@@ -11,7 +11,7 @@ from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
 from ..scene.splats import Splats
 from ..support.errors import DataError
-from .framing import NEAR_SHARE, automatic_camera, robust_sphere
+from .framing import automatic_camera, near_clip_for
 from .picture import background_color
 from .picture_options import PictureOptions
 
@@ -53,8 +53,8 @@ def viewpoint(
     found, has_alpha, name = _camera(splats, data, camera, options.downscale, drawing.up)
     drawn = drawn_as(options.drawing, drawing)
     near_clip = drawn.near_clip
-    if not (camera or data) and options.near_clip is None:
-        near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+    if not (camera or data):
+        near_clip = near_clip_for(splats, near_clip, options.near_clip)
     background = background_color(options.background, has_alpha)
     return Viewpoint(found, near_clip, background, drawn.antialiased, drawn.linear, drawn.white, name)
 

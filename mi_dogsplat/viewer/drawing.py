@@ -14,6 +14,7 @@ from ..engine.rasterize import RasterOptions
 from ..render.picture import photograph as shown
 from ..render.picture import render_picture
 from ..scene.cameras import Camera
+from ..scene.drawing import DrawnAs
 from ..scene.kinds import varying
 from ..scene.splats import Array, Splats
 from ..support.pictures import heat_map
@@ -71,12 +72,15 @@ class Drawing:
         linear: bool = False,
         white: float = 1.0,
     ):
-        self.near_clip, self.antialiased, self.views = near_clip, antialiased, list(views)
-        self.linear, self.white = linear, white
-        self.replace(splats)
+        self.views = list(views)
+        self.replace(splats, DrawnAs(antialiased, near_clip, linear, white))
 
-    def replace(self, splats: Splats) -> None:
-        """Draw another model from now on."""
+    def replace(self, splats: Splats, drawn: DrawnAs | None = None) -> None:
+        """Draw another model from now on; ``drawn``: how, None: as the one before."""
+        if drawn:
+            self.near_clip, self.antialiased, self.linear, self.white = (
+                drawn.near_clip, drawn.antialiased, drawn.linear, drawn.white
+            )  # fmt: skip
         self.splats = splats
         self._params: dict[str, tuple[dict, int]] = {}  # and the SH degree of the part
 

@@ -14,17 +14,18 @@ import time
 import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..datasets.dataset import Dataset
-from ..render.framing import NEAR_SHARE, automatic_camera, robust_sphere, vertical
+from ..render.framing import automatic_camera, near_clip_for, robust_sphere, vertical
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..scene.cameras import Camera
-from ..scene.drawing import drawn_as
+from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.kinds import kinds_of
 from ..scene.orientation import up_of_cameras
 from ..scene.splats import Splats
@@ -48,7 +49,8 @@ class Server:
         source: the model; it is polled while the viewer runs.
         dataset: its photographs, if there are any.
         background: grey level of ``BACKGROUNDS``.
-        options: how to draw it, before what the source says; near_clip is smaller where a model without data is small.
+        options: how to draw it, before what the source says; a near_clip of None is smaller where a model without data
+            is small.
     """
 
     def __init__(
@@ -66,11 +68,10 @@ class Server:
         found = source.poll()
         assert found is not None  # a new source has something to say
         splats, self.what = found
-        self.source = source
+        self.source, self.options, self._trouble = source, options, ""
         views = [*dataset.test, *dataset.train] if dataset else []
-        drawn = drawn_as(options.drawing, source.drawing)
-        near_clip = drawn.near_clip if views else min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-        self.drawing = Drawing(splats, near_clip, drawn.antialiased, views, drawn.linear, drawn.white)
+        drawn = self._drawn(splats, bool(views))
+        self.drawing = Drawing(splats, drawn.near_clip, drawn.antialiased, views, drawn.linear, drawn.white)
         self.settings = Settings(background=background, sh_degree=splats.sh_degree)
         self.visitors: dict[int, tuple[Any, Pace]] = {}
         self._running, self._polled = True, time.monotonic()
@@ -82,6 +83,13 @@ class Server:
         self._make_panel()
         self.viser.on_client_connect(self._arrived)
         self.viser.on_client_disconnect(self._left)
+
+    def _drawn(self, splats: Splats, beside_views: bool) -> DrawnAs:
+        """How a model of the source is drawn, which its file may say."""
+        drawn = drawn_as(self.options.drawing, self.source.drawing)
+        if beside_views:
+            return drawn
+        return replace(drawn, near_clip=near_clip_for(splats, drawn.near_clip, self.options.near_clip))
 
     def _start_at(self, camera: Camera, splats: Splats) -> None:
         """Let visitors begin at a camera and turn about the middle of the model."""
@@ -138,7 +146,7 @@ class Server:
         counts = f"{counted(splats.n_splats, 'primitive')}, {kinds_of(splats)}, SH degree {splats.sh_degree}"
         scale = self.source.drawing.scale
         size = "" if scale is None else f"\n\nThe core of it is {2 * robust_sphere(splats)[1] * scale:.3g} m across"
-        return f"**{self.source.path.name}**, {self.what}\n\n{counts}{size}\n\n{last}"
+        return f"**{self.source.path.name}**, {self._trouble or self.what}\n\n{counts}{size}\n\n{last}"
 
     def serve(self, seconds: float = math.inf) -> None:
         """Render what is due, in this thread."""
@@ -160,16 +168,28 @@ class Server:
             self.viser.stop()
 
     def _reread(self) -> None:
+        found, before, self._trouble = None, self._trouble, ""
         try:
             found = self.source.poll()
         except (DataError, OSError) as error:  # in the middle of being written, or gone: the old one stays
-            found, self.what = None, f"shown as it was; {error}"
+            self._trouble = f"shown as it was; {error}"
         self._polled = time.monotonic()
         if found:
             splats, self.what = found
-            self.drawing.replace(splats)
+            self._offer_degrees(splats.sh_degree)
+            self.drawing.replace(splats, self._drawn(splats, bool(self.drawing.views)))
             self._show.options = self.drawing.choices
+        if found or self._trouble != before:
             self._everybody_changed()
+
+    def _offer_degrees(self, degree: int) -> None:
+        """Let the panel have the SH degrees up to that of another model; who saw all bands goes on seeing all."""
+        if degree == self.drawing.splats.sh_degree:
+            return
+        saw_all = self.settings.sh_degree >= self.drawing.splats.sh_degree
+        self._degree.max, self._degree.disabled = max(degree, 1), degree == 0
+        self._degree.value = degree if saw_all else min(self.settings.sh_degree, degree)
+        self.settings = replace(self.settings, sh_degree=int(self._degree.value))
 
     def _attend(self, client: Any, pace: Pace) -> bool:
         """Send a visitor the picture that is due, if one is."""
@@ -178,7 +198,13 @@ class Server:
             return False
         camera = client.camera
         wxyz, position = (tuple(float(x) for x in values) for values in (camera.wxyz, camera.position))
-        pose = Pose(wxyz, position, float(camera.fov), float(camera.aspect))  # type: ignore[arg-type]
+        try:
+            aspect = float(camera.aspect)
+        except ZeroDivisionError:  # of a window without an area
+            aspect = math.nan
+        pose = Pose(wxyz, position, float(camera.fov), aspect)  # type: ignore[arg-type]
+        if not pose.makes_sense:  # the picture before stays
+            return False
         drawn = self.drawing.draw(pose, self.settings, moving=due == "small")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # the visitor may have left while we drew

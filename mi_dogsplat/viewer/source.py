@@ -32,7 +32,8 @@ class Source:
         self.white: float | None = self.config.get("white")  # of a run on linear images, which trains in units of it
         said["scale"] = self.config.get("unit")
         linear = None if self.white is None else True
-        self.drawing = Drawing(**said, linear=linear, white=self.white)  # what the run, or a file once it is read, says
+        self._of_run = Drawing(**said, linear=linear, white=self.white)
+        self.drawing = self._of_run  # what the run, or a file once it is read, says
         self._seen: tuple = ()
 
     def poll(self) -> tuple[Splats, str] | None:
@@ -46,7 +47,7 @@ class Source:
             found = self._of_checkpoint(file)
         else:
             model = read_model(file)
-            self.drawing = self.drawing.over(model.drawing)
+            self.drawing = self._of_run.over(model.drawing)
             found = model.splats, file.name
         self._seen = signature
         return found

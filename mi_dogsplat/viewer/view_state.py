@@ -37,6 +37,11 @@ class Pose:
     fov: float  # of the height, radians
     aspect: float  # width / height
 
+    @property
+    def makes_sense(self) -> bool:
+        """Whether something can be seen from there: a browser may send what it could not compute."""
+        return bool(np.isfinite([*self.wxyz, *self.position]).all()) and 0 < self.fov < math.pi
+
     def camera(self, height: int) -> Camera:
         """The pinhole of ``height`` pixels in rows, the principal point in the middle.
 

@@ -174,7 +174,7 @@ def test_a_saved_file_reopens_as_it_was(model, tmp_path):
     obj = bpy.data.objects["dog"]
     assert np.array_equal(read_attributes(obj.data).sh_coeffs, expected.sh_coeffs)
     assert get_input(splat_modifier(obj), "Linear Colors") is False
-    assert len(obj.animation_data.drivers) == 6 and obj.modifiers[0].node_group.nodes
+    assert len(obj.animation_data.drivers) == 7 and obj.modifiers[0].node_group.nodes
 
 
 def test_append_to_another_file_brings_everything(model, tmp_path, scene):

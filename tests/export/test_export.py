@@ -10,12 +10,14 @@ from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.export.bake import RATIOS, baked, nearest_gaussians
 from mi_dogsplat.export.export_config import ExportConfig
-from mi_dogsplat.export.losses import Loss, Views, losses, mean_psnr
+from mi_dogsplat.export.losses import Loss, Views, losses, mean_psnr, views_of
 from mi_dogsplat.export.write import export_model
 from mi_dogsplat.formats import gltf, spz
 from mi_dogsplat.formats.packing import LUF, turned
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.render.framing import cameras_around, robust_sphere
+from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.scene.drawing import drawn_as
 from mi_dogsplat.scene.splats import Splats
 from scipy.integrate import dblquad
 from scipy.optimize import minimize
@@ -154,6 +156,12 @@ def test_cameras_around_a_model_all_see_its_middle():
         assert depth > 0 and pixels[0] == pytest.approx([camera.width / 2, camera.height / 2])
 
 
+def test_a_near_clip_that_is_asked_for_holds_without_data():
+    model, asked = tiny_data.truth(), PictureOptions(near_clip=2.0)
+    views = [views_of(model, None, 2, options, drawn_as(options.drawing)) for options in (asked, PictureOptions())]
+    assert views[0].near_clip == 2.0 > views[1].near_clip
+
+
 @pytest.mark.parametrize("version", ["4", "5"])
 def test_a_version_of_spz_that_cannot_be_written_is_told_before_anything_is_refined(
     capsys, model, tmp_path, monkeypatch, version
@@ -166,6 +174,8 @@ def test_a_version_of_spz_that_cannot_be_written_is_told_before_anything_is_refi
 
 def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.glb", "--small"), "--small", "glTF", ".spz")
+    wrong = run(capsys, "export", model, "-o", tmp_path / "out.ply", "--spz-version", "4")
+    assert_one_line(wrong, "--spz-version", "PLY", ".spz")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.obj"), "out.obj", ".spz")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--dog", "keep"), "--dog", "bake")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--views", "-1"), "--views")

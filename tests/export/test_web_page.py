@@ -34,7 +34,9 @@ from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_spher
 from mi_dogsplat.render.picture import picture_of
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.orientation import rotation_between
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 
 ROOT = Path(__file__).parents[2]
@@ -119,6 +121,25 @@ def test_the_export_is_measured_from_the_page(model, data, tmp_path, capsys):
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".html", ".ply"]
 
 
+def test_a_small_model_is_small_in_a_page_that_turns_it(tmp_path, capsys):
+    rng, n = np.random.default_rng(0), 1500
+    splats = Splats(
+        means=rng.normal(size=(n, 3)),
+        log_scales=rng.normal(-3, 0.4, (n, 3)),
+        quats=rng.normal(size=(n, 4)),
+        logit_opacities=rng.normal(size=n),
+        sh_coeffs=rng.normal(size=(n, 9, 3)) * 0.2,
+    )
+    write_model(tmp_path / "m.ply", Model(splats, Drawing(up="0.1,-0.9,0.42")))
+    bundles = []
+    for flags in ((), ("--small",)):
+        run(capsys, "export", tmp_path / "m.ply", "-o", tmp_path / "m.html", "--views", "0", "--refine", "0", *flags)
+        found = re.search(r'id="model">([^<]*)</script>', (tmp_path / "m.html").read_text())
+        assert found
+        bundles.append(len(found[1]))
+    assert bundles[1] < 0.65 * bundles[0]  # .73 on the grids of the model as it lies
+
+
 # --- how it opens ---
 
 
@@ -159,7 +180,20 @@ def test_the_file_of_a_model_says_what_is_up(tmp_path):
         assert opening_of(subject, "m").up.tolist() == list(direction)
 
 
+def test_a_flag_on_what_is_up_comes_before_the_file(tmp_path, capsys):
+    write_model(tmp_path / "m.ply", Model(tiny_data.truth(), Drawing(up="-y")))
+    for flags, up in (((), (0, -1, 0)), (("--up=x",), (1, 0, 0))):
+        run(capsys, "export", tmp_path / "m.ply", "-o", tmp_path / "p.html", "--views", "0", *flags)
+        np.testing.assert_allclose(np.array(scene_of(tmp_path / "p.html")["turned_by"]) @ up, UP_OF_SOG, atol=1e-9)
+
+
 # --- bad input ---
+
+
+def test_a_page_may_be_named_by_bytes_that_are_no_utf_8(tmp_path):
+    opening = Opening("m\udcfc", np.array([3.0, 0, 0]), np.zeros(3), UP_OF_SOG, (0.4, 0.3))
+    write_page(tmp_path / "m.html", Model(tiny_data.truth()), opening)
+    assert "<title>m\\udcfc</title>" in (tmp_path / "m.html").read_text("utf-8")
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(model, tmp_path, capsys):

@@ -89,6 +89,19 @@ def test_a_format_that_cannot_say_what_is_usual_loses_nothing(tmp_path):
     assert write_model(tmp_path / "a.spz", Model(foreign_model.model(), usual)) == []
 
 
+@pytest.mark.parametrize(("suffix", "low", "high", "said"), [
+    (".spz", -10, 5.9375, "SPZ has no scales below 4.54e-05 or above 379, to which it clamps 2 primitives"),
+    (".compressed.ply", -20, 20, "compressed PLY has no scales below 2.06e-09 or above 4.85e+08, to which it clamps 2"),
+    (".sog", -10, 20, ""),
+])  # fmt: skip
+def test_scales_that_a_format_cannot_say_are_told(tmp_path, suffix, low, high, said):
+    model = foreign_model.model()
+    log_scales = model.log_scales.copy()
+    log_scales[0], log_scales[1], log_scales[2] = low - 2, (0, high + 1, 0), (0, 0, low - 2)  # the last is just flat
+    lost = write_model(tmp_path / f"a{suffix}", replace(model, log_scales=log_scales))
+    assert len(lost) == bool(said) and all(line.startswith(said) for line in lost)
+
+
 def test_not_antialiased_is_told_from_nothing_said(tmp_path):
     model = foreign_model.model()
     for suffix in (".ply", ".sog", ".glb", ".compressed.ply"):

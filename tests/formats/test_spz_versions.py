@@ -11,6 +11,7 @@ import zstandard
 from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.formats import spz
 from mi_dogsplat.formats.packing import RUB, turned, unit_quats
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 
 HEADER = struct.Struct("<IIIBBBB")
@@ -40,6 +41,13 @@ def test_version_2_has_three_bytes_for_a_rotation(tmp_path):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
     assert np.abs(found.quats[:, :3] - xyz).max() <= 0.5 / 127.5 + 1e-6 and found.quats[:, 3].min() >= 0
     assert np.linalg.norm(found.quats, axis=1) == pytest.approx(np.ones(N), abs=0.01)
+
+
+@pytest.mark.parametrize("degree", [0, 2])
+def test_version_4_holds_a_model_without_primitives(tmp_path, degree):
+    write_model(tmp_path / "a.spz", Splats.empty(degree), spz_version=4)
+    read = read_model(tmp_path / "a.spz").splats
+    assert (read.n_splats, read.sh_degree) == (0, degree)
 
 
 def test_version_4_holds_the_bytes_of_version_3_in_streams(tmp_path):
@@ -98,6 +106,12 @@ def test_what_does_not_fit_is_refused(tmp_path):
         (data[:40] + b"\1" + data[41:], "positions"), (data[:130] + b"\xff" * 20 + data[150:], "positions"),
     ):  # fmt: skip
         path.write_bytes(broken)
+        with pytest.raises(DataError, match=words):
+            read_model(path)
+    for wrapped, words in (
+        (HEADER.pack(*header) + body, "version 3; pack it with gzip"), (gzip.compress(data), "version 4; unpack it"),
+    ):  # fmt: skip
+        path.write_bytes(wrapped)
         with pytest.raises(DataError, match=words):
             read_model(path)
     with pytest.raises(DataError, match="use version 3 or 4"):

@@ -4,17 +4,20 @@ import json
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
 
 import browser
 import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
-from mi_dogsplat import write_ply
+from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.arrays import write_arrays
-from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS
+from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS, Pace, Pose
 
 pytest.importorskip("viser", reason="needs viser: pip install 'mi_dogsplat[view]'", exc_type=ModuleNotFoundError)
 from mi_dogsplat.viewer.server import Server  # noqa: E402
@@ -135,6 +138,82 @@ def test_flags_come_before_what_the_run_was_trained_with(capsys, data, model, tm
     assert shown() == (1.0, width // 2)
     assert shown("--background", "black", "--downscale", 3) == (0.0, width // 3)
     assert shown("--data", data) == (1.0, width)  # of other data the run knows nothing
+
+
+def served_once(server: Server, monkeypatch) -> Server:
+    """The server after one look at its file."""
+    monkeypatch.setattr("mi_dogsplat.viewer.server.POLL_SECONDS", 0.0)
+    server.serve(0.02)
+    return server
+
+
+def test_a_file_that_changes_is_drawn_as_it_says_then(tmp_path, monkeypatch):
+    path, plain = tmp_path / "m.ply", tiny_data.truth().uniform_sh(0)
+    write_model(path, Model(plain, Drawing(antialiased=True, up="-y")))
+    server = Server(Source(path), port=8766)
+    assert server.settings.sh_degree == 0
+    colourful = replace(plain, sh_coeffs=np.pad(plain.sh_coeffs, ((0, 0), (0, 8), (0, 0)), constant_values=0.3))
+    write_model(path, Model(colourful, Drawing(antialiased=False, near_clip=0.01, linear=True, white=2.5)))
+    now, pose = served_once(server, monkeypatch), Pose((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -4.0), 0.8, 1.0)
+    anew = Server(Source(path), port=8767)
+    drawn = [(s.drawing.antialiased, s.drawing.near_clip, s.drawing.linear, s.drawing.white) for s in (now, anew)]
+    assert drawn[0] == drawn[1] == (False, 0.01, True, 2.5)
+    assert now.settings == anew.settings and now.settings.sh_degree == 2
+    a, b = (s.drawing.draw(pose, s.settings).image for s in (now, anew))
+    assert np.array_equal(a, b) and a.any()
+    now.stop()
+    anew.stop()
+
+
+def test_a_near_clip_that_is_asked_for_holds_without_data(model):
+    servers = [Server(Source(model), options=PictureOptions(near_clip=asked), port=8769) for asked in (2.0, None)]
+    assert servers[0].drawing.near_clip == 2.0 and 0 < servers[1].drawing.near_clip <= 0.2
+    for server in servers:
+        server.stop()
+
+
+class FlatCamera:
+    """That of a window without height, as viser has it."""
+
+    wxyz, position, fov = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -4.0), 0.8
+
+    @property
+    def aspect(self) -> float:
+        return 900.0 / 0
+
+
+def test_a_window_without_height_does_not_end_the_viewer(model):
+    server, pictures = Server(Source(model), port=8771), []
+    scene, pace = SimpleNamespace(set_background_image=lambda image, **_: pictures.append(image.shape)), Pace()
+    pace.changed()
+    server.visitors[0] = SimpleNamespace(camera=FlatCamera(), scene=scene), pace
+    server.serve(0.02)
+    assert pictures == [(600, 600, 3)]
+    server.stop()
+
+
+def test_a_camera_that_makes_no_sense_leaves_the_viewer_to_others(model):
+    server, pictures = Server(Source(model), port=8770), []
+    scene = SimpleNamespace(set_background_image=lambda image, **_: pictures.append(image.shape))
+    good = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, -4.0), "fov": 0.8, "aspect": 1.5}
+    for wrong in ({"position": (np.nan, 0, 0)}, {"wxyz": (np.inf, 0, 0, 0)}, {"fov": 0.0}, {"fov": 4.0}, {}):
+        pace = Pace()
+        pace.changed()
+        visitor = SimpleNamespace(camera=SimpleNamespace(**good | wrong), scene=scene)
+        server.visitors[len(server.visitors)] = visitor, pace
+    server.serve(0.02)
+    assert pictures == [(600, 900, 3)]
+    server.stop()
+
+
+def test_a_file_that_was_away_is_no_trouble_once_it_is_back(model, tmp_path, monkeypatch):
+    server = Server(Source(model), port=8768)
+    before = server.statistics("")
+    model.rename(tmp_path / "away.ply")
+    assert "shown as it was" in served_once(server, monkeypatch).statistics("")
+    (tmp_path / "away.ply").rename(model)
+    assert served_once(server, monkeypatch).statistics("") == before
+    server.stop()
 
 
 def test_arrays_that_are_no_checkpoint_are_refused_in_one_line(capsys, tmp_path):
