@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..formats.read import format_of, is_model_name, is_sog_meta, read_model
+from ..formats.read import format_of, is_model_name, is_sog_meta, read_model, size_of
 from ..formats.sizes import FileKind, by_part
 from ..formats.sog_read import META
 from ..poses.config import SETTINGS as POSES
 from ..render.framing import CORE, robust_sphere
 from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, POSED, read_run
+from ..scene.drawing import DrawnAs
 from ..scene.kinds import COUNTED, kinds, kinds_of
 from ..scene.splats import Splats
 from ..support.errors import DataError
@@ -106,7 +107,7 @@ def describe_model(path: Path) -> list[str]:
     """Counts, ranges and problems of a model."""
     model = read_model(path)
     splats = model.splats
-    size = path.stat().st_size
+    size = size_of(path)
     n, m = splats.n_splats, splats.n_dog
     lines = [
         f"{path}: model",
@@ -193,6 +194,8 @@ def describe_run(path: Path) -> list[str]:
 def _settings(config: dict[str, Any]) -> list[str]:
     """Those of ``SETTINGS``, and all others that are not as they usually are and bear on the result."""
     usual = {field.name: field.default for field in fields(TrainConfig) if field.name not in UNTOLD}
+    if config.get("near_clip") == DrawnAs().near_clip:  # a run writes it down where nobody has said anything, too
+        usual["near_clip"] = config["near_clip"]
     told = [name for name in config if name in SETTINGS or (name in usual and config[name] != usual[name])]
     return [name if config[name] is True else f"{name} {_whole(config[name])}" for name in told]
 
