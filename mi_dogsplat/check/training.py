@@ -53,5 +53,5 @@ def _curves(run: Run, label: str) -> dict[str, Any]:
         if last is not None and not (curve and curve[-1][0] >= total):
             curve.append([total, last])
     final = {name: value for name, value in test.items() if finite(value) is not None}
-    n = run.history[-1].get("n")
+    n = metrics.get("n", run.history[-1].get("n"))  # of the model, which leaves out what has faded
     return {"run": str(run.path), "label": label, "seconds": total, "n": n, "final": final, **curves}
