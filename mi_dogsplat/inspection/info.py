@@ -180,7 +180,8 @@ def describe_run(path: Path) -> list[str]:
     if metrics:
         lines.append(line("model", file_size(metrics.get("bytes"))))
         lines.append(line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))
-        lines += [line(split, _quality(metrics[split])) for split in ("test", "train") if metrics.get(split)]
+        splits = {"test": run.measured, "train": "train"}  # by their names in the file: what they are
+        lines += [line(views, _quality(metrics[name])) for name, views in splits.items() if metrics.get(name)]
     if settings := _settings(run.config):
         lines.append(line("settings", ", ".join(settings)))
     problems = [f"{name} is missing" for name in (*RUN_FILES, MODEL) if not (path / name).is_file()]

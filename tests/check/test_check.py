@@ -82,6 +82,11 @@ def test_the_primitives_of_a_run_are_those_of_its_model(finished_run):
     assert read_training([finished_run])[0]["n"] == 108
 
 
+def test_a_run_that_read_no_test_view_says_which_it_measured(finished_run):
+    (finished_run / "config.json").write_text('{"data": "/data/fox", "preset": "ours", "split": "validation"}')
+    assert read_training([finished_run])[0]["label"] == "fox · preset ours · validation views"
+
+
 def test_an_interrupted_run_has_curves_too_and_equal_names_are_told_apart(finished_run):
     (finished_run / "metrics.json").unlink()
     first, second = read_training([finished_run, finished_run])

@@ -51,6 +51,13 @@ def test_train_then_info_render_and_eval_on_what_it_made(capsys, data, tmp_path)
     assert (tmp_path / "measured" / "0_error.png").is_file()
 
 
+def test_train_says_which_views_it_measured(capsys, data, tmp_path):
+    command = ["train", data, "-o", tmp_path / "run", *SMALL[:3], "2", *SMALL[4:], "--split", "validation"]
+    status, printed, _ = run(capsys, *command)
+    assert status == 0 and "measuring 1 validation view," in printed and "\nvalidation views: PSNR" in printed
+    assert "test view" not in printed
+
+
 def test_train_says_that_masks_of_frames_are_not_followed_unless_masks_are_given(capsys, tmp_path):
     file = transforms_folder(tmp_path / "data") / "transforms.json"
     content = json.loads(file.read_text())

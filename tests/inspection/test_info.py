@@ -179,6 +179,15 @@ def test_a_complete_run_shows_its_result(tmp_path):
     assert lines[-1] == "problems: none found"
 
 
+def test_views_that_are_no_test_views_are_not_called_so(tmp_path):
+    run = write_run(tmp_path)
+    config = json.loads((run / "config.json").read_text())
+    (run / "config.json").write_text(json.dumps(config | {"split": "validation"}))
+    lines = describe(run)
+    assert value_of(lines, "validation").startswith("PSNR 27.34 dB")
+    assert not [line for line in lines if line.startswith("  test ")]
+
+
 def test_the_settings_of_a_run_that_were_given_are_shown(tmp_path):
     run = write_run(tmp_path)
     usual = dataclasses.asdict(TrainConfig("photos/fox"))
