@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..support.errors import DataError
 from ..support.variants import set_variant
-from ..support.wording import counted, duration, file_size
+from ..support.wording import counted, duration, file_size, printable
 from ..training.config import TrainConfig
 from .printing import metrics_line, say
 
@@ -59,4 +59,4 @@ def _say_what_is_not_read(config: TrainConfig) -> None:
     except DataError:  # the training says so itself, once it has looked at its model
         return
     for line in lines:
-        say(f"{config.data}: not read: {line}")
+        say(printable(f"{config.data}: not read: {line}"))

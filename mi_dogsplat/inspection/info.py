@@ -18,7 +18,7 @@ from ..scene.drawing import DrawnAs
 from ..scene.kinds import COUNTED, kinds, kinds_of
 from ..scene.splats import Splats
 from ..support.errors import DataError
-from ..support.wording import count, counted, duration, file_size, finite, fixed
+from ..support.wording import count, counted, duration, file_size, finite, fixed, printable
 from ..training.config import FREE, TrainConfig
 from .lines import drawn, line, sh_degrees
 
@@ -44,7 +44,8 @@ FAR = 100.0  # robust radii from the centre
 
 
 def describe(path: str | Path) -> list[str]:
-    """Lines about a model, a run folder, a scene or a data set. Raises ``DataError`` for all else and what is broken.
+    """Printable lines about a model, a run folder, a scene or a data set. Raises ``DataError`` for all else and what is
+    broken.
 
     A Mitsuba scene needs a variant to be set; one without splats is a data set, whose sensors are rendered.
     """
@@ -55,8 +56,9 @@ def describe(path: str | Path) -> list[str]:
         from .scene import describe_scene  # of the active variant
 
         if has_splats(path):
-            return describe_scene(path)
-    return {"model": describe_model, "run": describe_run, "data": describe_dataset}[kind](path)
+            return [printable(text) for text in describe_scene(path)]
+    described = {"model": describe_model, "run": describe_run, "data": describe_dataset}[kind](path)
+    return [printable(text) for text in described]
 
 
 def kind_of(path: Path) -> str:

@@ -179,6 +179,24 @@ def test_a_complete_run_shows_its_result(tmp_path):
     assert lines[-1] == "problems: none found"
 
 
+def test_what_a_run_or_a_data_set_holds_does_not_reach_a_terminal_as_it_is(tmp_path):
+    run = write_run(tmp_path)
+    config = json.loads((run / "config.json").read_text())
+    (run / "config.json").write_text(json.dumps(config | {"data": "a\x1b[2Jb", "seed": "1\n  test   2"}))
+    lines = describe(run)
+    assert lines[0] == f"{run}: training run on a\\x1b[2Jb" and "seed 1\\n  test" in value_of(lines, "settings")
+    file = transforms_folder(tmp_path / "data") / "transforms.json"
+    content = json.loads(file.read_text())
+    old = content["frames"][0]["file_path"]
+    new = str(Path(old).with_name("\x1b]0;title\x07" + Path(old).name))
+    (found,) = file.parent.glob(f"{old}*")
+    found.rename(file.parent / new if found.suffix == Path(old).suffix else file.parent / (new + found.suffix))
+    content["frames"][0]["file_path"] = new
+    file.write_text(json.dumps(content))
+    lines = describe(file.parent)
+    assert "\\x1b]0;title\\x07" in value_of(lines, "names") and all(line.isprintable() for line in lines)
+
+
 def test_views_that_are_no_test_views_are_not_called_so(tmp_path):
     run = write_run(tmp_path)
     config = json.loads((run / "config.json").read_text())
