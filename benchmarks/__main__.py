@@ -27,6 +27,8 @@ parser = argparse.ArgumentParser(
 parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(TIMINGS)} (default: all)")
 parser.add_argument("--variant", default="llvm_ad_rgb")
 args = parser.parse_args()
+if late := [name for name in args.names if name in ROOM_OF and name not in TIMINGS]:
+    parser.error(f"{late[0]} is an experiment, which comes first, with its flags behind it: {late[0]} --help")
 if unknown := sorted({*args.names} - {*TIMINGS}):
     parser.error(f"no benchmark is called {unknown[0]}: --help lists them")
 mi.set_variant(args.variant)

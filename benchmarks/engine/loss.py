@@ -4,6 +4,7 @@ Run as ``python -m benchmarks loss [width height]`` on a quiet machine; prints m
 are timed in alternation in one process, so that a busy machine slows all.
 """
 
+import argparse
 import statistics
 import time
 from typing import Any, cast
@@ -37,7 +38,12 @@ def convolve_loss(image, y, my, yy):
 
 
 def main(arguments: list[str]) -> None:
-    width, height = map(int, arguments or (400, 300))
+    parser = argparse.ArgumentParser(prog="python -m benchmarks loss", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("size", type=int, nargs="*", default=[400, 300], metavar="N", help="width and height, pixels")
+    args = parser.parse_args(arguments)
+    if len(args.size) != 2:
+        parser.error("give width and height, or neither")
+    width, height = args.size
     mi.set_variant("llvm_ad_rgb")
     rng = np.random.default_rng(0)
     y = rng.random((3, height, width), np.float32)

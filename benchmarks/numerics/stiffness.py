@@ -20,6 +20,7 @@ a factor of 2 of its parabola.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -223,8 +224,8 @@ def _bisect(holds: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def main(flags: list[str]) -> None:
-    if flags:
-        raise SystemExit(__doc__)
+    how = {"description": __doc__, "formatter_class": argparse.RawDescriptionHelpFormatter}
+    argparse.ArgumentParser(prog="python -m benchmarks stiffness", **how).parse_args(flags)
     print(f"{'':38s} curvature  stiffness  2 / curvature  limit    Adam / basin")
     for situation in situations():
         print(situation.case)

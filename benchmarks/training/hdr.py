@@ -184,7 +184,8 @@ def _sheet(truth: Dataset, pictures: dict[str, np.ndarray]) -> np.ndarray:
     real = truth.test[len(truth.test) // 2].image[..., :3]
     white = truth.white or 1.0
     lit = displayed(real, white / 2.0 ** max(EXPOSURES)).max(axis=-1) > DARK
-    part = tuple(slice(max(x.min() - AROUND, 0), x.max() + AROUND + 1) for x in np.nonzero(lit))
+    ends = zip(np.nonzero(lit), lit.shape, strict=True)
+    part = tuple(slice(max(x.min() - AROUND, 0), min(x.max() + AROUND + 1, side)) for x, side in ends)
     name_width = 8 + round(max(FONT.getlength(name) for name in pictures))
     width = ZOOM * (part[1].stop - part[1].start)
     heads = [_text(f"{stop:+d} stops" if stop else "0 stops", width, LINE) for stop in EXPOSURES]

@@ -106,7 +106,7 @@ def _training(runs: Sequence[Mapping[str, Any]]) -> Section:
     longest = max(run["seconds"] for run in runs)
     unit, scale = time_unit(longest)
     plots = []
-    for key, label in {"l1": "training L1", "psnr": "test PSNR, dB", "flip": "test FLIP"}.items():
+    for key, label in {"l1": "training L1", "psnr": "PSNR, dB", "flip": "FLIP"}.items():
         series = []
         for i, run in enumerate(runs):
             points = np.array(run[key], np.float64).reshape(-1, 2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from ..support.errors import DataError
 from ..support.files import replacing, write_json
 from ..support.versions import versions
 from ..support.wording import finite
-from . import PARTS, stability, work_precision
+from . import PARTS, UNUSED, stability, work_precision
 from .scenes import Scene, model_scene, synthetic_scenes
 from .training import read_training
 
@@ -47,7 +48,7 @@ def check(
         data, camera: from where the model is seen (``render/viewpoint.py``).
         width: of the pictures, in pixels; one of the model is at most so wide and high.
         rounds: how often each setting is timed.
-        options: how the model is drawn.
+        options: how the model is drawn; ``linear`` and ``white`` must not be given.
         progress: told in one line what is being done.
 
     Returns what ``check.json`` holds: ``model_name`` (None without one), ``machine`` and, of the parts that were run,
@@ -56,9 +57,7 @@ def check(
     """
     out, parts = Path(out), parts or [part for part in PARTS if part != "training" or runs]
     _require_parts(parts, model, runs, width, rounds)
-    if model is None and (data is not None or camera is not None):
-        flag = "--camera" if data is None else "--data"
-        raise DataError(flag, "says from where a model is seen, and there is none", "name a model, or leave it out")
+    _require_use(model, data, camera, options)
     scene = _model_scene(Path(model), data, camera, width, options) if model else None
     training = read_training([Path(run) for run in runs])
     jobs: dict[str, Callable[[], Any]] = {}
@@ -94,6 +93,22 @@ def _require_parts(
     for flag, value, least in (("--width", width, 16), ("--rounds", rounds, 1)):
         if value < least:
             raise DataError(flag, f"{value} is too small", f"use at least {least}")
+
+
+def _require_use(
+    model: str | Path | None, data: str | Path | None, camera: str | Path | None, options: PictureOptions
+) -> None:
+    """Raise ``DataError`` for what says something of a model where there is none, or changes no number of one."""
+    said = [name for name in asdict(options) if getattr(options, name) != getattr(PictureOptions, name)]
+    places = {"data": data, "camera": camera}
+    how = {name: "from where a model is seen" for name, given in places.items() if given is not None}
+    how |= dict.fromkeys(said, "how a model is drawn")
+    for name in how if model is None else ():
+        flag = "--" + name.replace("_", "-")
+        raise DataError(flag, f"says {how[name]}, and there is none", "name a model, or leave it out")
+    for name in UNUSED:
+        if name in said:
+            raise DataError(f"--{name}", "changes no number that is measured", "leave it out")
 
 
 def _model_scene(

@@ -29,11 +29,17 @@ def read_training(folders: Sequence[Path]) -> list[dict[str, Any]]:
     for run in runs:
         if not np.isfinite(run.column("l1") * run.column("seconds")).any():
             raise DataError(run.path, f"has no {HISTORY} with a logged step", "give a run folder of dogsplat train")
-    labels = [" · ".join(filter(None, (run.data_name, run.method))) for run in runs]
+    labels = [_label(run) for run in runs]
     return [
         _curves(run, label if labels.count(label) == 1 else f"{label} ({run.path})")
         for run, label in zip(runs, labels, strict=True)
     ]
+
+
+def _label(run: Run) -> str:
+    """Data and method, and which views were measured where these are no test views."""
+    views = "" if run.measured == "test" else f"{run.measured} views"
+    return " · ".join(filter(None, (run.data_name, run.method, views)))
 
 
 def _curves(run: Run, label: str) -> dict[str, Any]:
@@ -53,5 +59,5 @@ def _curves(run: Run, label: str) -> dict[str, Any]:
         if last is not None and not (curve and curve[-1][0] >= total):
             curve.append([total, last])
     final = {name: value for name, value in test.items() if finite(value) is not None}
-    n = run.history[-1].get("n")
+    n = metrics.get("n", run.history[-1].get("n"))  # of the model, which leaves out what has faded
     return {"run": str(run.path), "label": label, "seconds": total, "n": n, "final": final, **curves}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import types
+from collections.abc import Sequence
 from typing import Any, TypeVar, Union, get_args, get_origin
 
 from ..datasets.world import check_world
@@ -45,9 +46,9 @@ def _parsed(hint: Any) -> tuple[type, int]:
     return (get_args(hint)[0], len(get_args(hint))) if get_origin(hint) is tuple else (hint, 0)
 
 
-def add_picture_flags(parser: argparse.ArgumentParser, *others: str) -> None:
-    """How a model is drawn, and ``others`` of a training."""
-    add_settings(parser, PictureOptions)
+def add_picture_flags(parser: argparse.ArgumentParser, *others: str, without: Sequence[str] = ()) -> None:
+    """How a model is drawn, ``without`` some of that, and ``others`` of a training."""
+    add_settings(parser, PictureOptions, [name for name in settings_of(PictureOptions) if name not in without])
     add_settings(parser, TrainConfig, [*others, "variant"])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..formats.read import size_of
 from ..support.wording import counted, file_size
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def simplified_lines(simplified: Simplified) -> list[str]:
 
 def size_line(out: Path, n_splats: int, model: Path) -> str:
     """What was written, beside what it was made of."""
-    size, before = (file_size(path.stat().st_size) for path in (out, model))
+    size, before = file_size(out.stat().st_size), file_size(size_of(model))
     return f"{out}: {counted(n_splats, 'primitive')}, {size}; {model.name} has {before}"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..support.errors import DataError
 from ..support.variants import set_variant
-from ..support.wording import counted, duration, file_size
+from ..support.wording import counted, duration, file_size, printable
 from ..training.config import TrainConfig
 from .printing import metrics_line, say
 
@@ -20,17 +20,18 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     from ..runs.run import train
 
     _say_what_is_not_read(config)
-    with shown_training(config.steps) as show:
+    with shown_training(config.steps, config.split) as show:
         metrics = train(config, out, show, resume)
-    split = "test views:" if metrics["test"] else "training views (no test view is measured):"
+    split = f"{config.split} views:" if metrics["test"] else f"training views (no {config.split} view is measured):"
     print(split, metrics_line(metrics["test"] or metrics["train"]))
     size, time = file_size(metrics["bytes"]), duration(metrics["train_seconds"])
     print(f"{counted(metrics['n'], 'primitive')}, {size}, {time} of training; {out / REPORT}")
 
 
 @contextmanager
-def shown_training(steps: int) -> Iterator[Callable[[dict], None]]:
-    """What takes the rows of a training as progress: a bar up to its last step, then a line on what follows."""
+def shown_training(steps: int, split: str = TrainConfig.split) -> Iterator[Callable[[dict], None]]:
+    """What takes the rows of a training as progress: a bar up to its last step, then a line on what follows: of which
+    ``split`` the views are that are measured."""
     from .progress import Bar
 
     with Bar("step") as bar:
@@ -38,7 +39,8 @@ def shown_training(steps: int) -> Iterator[Callable[[dict], None]]:
         def show(row: dict) -> None:
             if "measured" in row:
                 bar.close()
-                say(f"all steps are done; measuring {counted(row['measured'], 'test view')}, writing the report")
+                views = counted(row["measured"], f"{split} view")
+                say(f"all steps are done; measuring {views}, writing the report")
                 return
             figures = {}
             if "l1" in row:
@@ -57,4 +59,4 @@ def _say_what_is_not_read(config: TrainConfig) -> None:
     except DataError:  # the training says so itself, once it has looked at its model
         return
     for line in lines:
-        say(f"{config.data}: not read: {line}")
+        say(printable(f"{config.data}: not read: {line}"))

@@ -45,11 +45,11 @@ def tour(out: Path, steps: int, target: int, views: int, size: int, picture: Pat
     orbit = CaptureConfig(
         views=views, size=(size, size), elevations=(12.0, 65.0), zoom=1.35, spp=121, alpha=True, points=8000
     )
+    config = TrainConfig(str(data), steps=steps, max_primitives=4 * target, target=target)  # bad numbers show here
     print(f"1/3  {scene.name}: path tracing {counted(views, 'training view')} and {counted(views // 6, 'test view')}")
     with Bar("view") as bar:
         capture(scene, data, orbit, lambda done, n, framing: bar.show(done, n))
     print(f"2/3  training {counted(steps, 'step')}, pruning to {counted(target, 'primitive')}")
-    config = TrainConfig(str(data), steps=steps, max_primitives=4 * target, target=target)
     with shown_training(steps) as show:
         metrics = train(config, run, show)
     print(metrics_line(metrics["test"]))

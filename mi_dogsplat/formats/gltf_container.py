@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -93,16 +94,30 @@ class Container:
             self.buffers[index] = self.binary if uri is None else self._fetched(uri)
         return self.buffers[index]
 
+    def files_beside(self) -> list[Path]:
+        """Those that its buffers are in. Of a buffer that nobody has read any name may be wrong: such are left out."""
+        uris = [buffer.get("uri") for buffer in self.content.get("buffers", ()) if isinstance(buffer, dict)]
+        found = set()
+        for uri in uris:
+            if isinstance(uri, str) and not uri.startswith("data:"):
+                with suppress(ValueError):
+                    found.add(self._beside(uri))
+        return sorted(found)
+
+    def _beside(self, uri: str) -> Path:
+        name = unquote(uri)
+        if "\0" in name or ":" in name or Path(name).is_absolute() or ".." in Path(name).parts:
+            raise ValueError(f'its buffer "{uri[:60]}" is no file beside it')
+        return self.path.parent / name
+
     def _fetched(self, uri: Any) -> bytes:
         if not isinstance(uri, str):
             raise ValueError('the "uri" of a buffer is no text')
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2], validate=True)
-        name = unquote(uri)
-        if "\0" in name or ":" in name or Path(name).is_absolute() or ".." in Path(name).parts:
-            raise ValueError(f'its buffer "{uri[:60]}" is no file beside it')
+        file = self._beside(uri)
         try:
-            return (self.path.parent / name).read_bytes()
+            return file.read_bytes()
         except OSError as error:
             problem = f'its buffer "{uri[:60]}" cannot be read ({error.strerror})'
             raise DataError(self.path, problem, "copy it along") from error

@@ -16,7 +16,7 @@ from ..support.files import parse_json
 from . import gltf_container, sog_read, spz_container
 from .model import Model, require_finite
 from .packing import turned
-from .table import COMPRESSED_PLY, FORMATS, GLB, PLY, SOG, SPLAT, SPZ, Format
+from .table import COMPRESSED_PLY, FORMATS, GLB, GLTF, PLY, SOG, SPLAT, SPZ, Format
 
 HEAD = 4096  # bytes that are looked at first
 ZIP, DEFLATED = b"PK\x03\x04", spz_container.GZIP + b"\x08"  # the only method that gzip has
@@ -39,6 +39,17 @@ def read_model(path: str | Path) -> Model:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
     require_finite(path, model.splats, "the file is damaged: copy or export it again")
     return model if chosen.turn is None else replace(model, splats=turned(model.splats, chosen.turn))
+
+
+def size_of(path: Path) -> int:
+    """Bytes of the file of a model that was read, and of the files beside it that it names: the pictures of a SOG that
+    is no bundle, the buffers of a .gltf. Raises ``OSError``."""
+    chosen, beside = format_of(path), []
+    if chosen is SOG:
+        beside = sog_read.files_beside(path)
+    elif chosen in (GLB, GLTF):
+        beside = gltf_container.Container.open(path).files_beside()
+    return sum(file.stat().st_size for file in (path, *beside) if file.is_file())
 
 
 def read_source(path: Path, out: Path, verb: str) -> Model:

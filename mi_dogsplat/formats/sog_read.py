@@ -49,6 +49,15 @@ def read(path: Path) -> Model:
         raise DataError(path, problem, "the file is damaged: copy or export it again") from error
 
 
+def files_beside(path: Path) -> list[Path]:
+    """The pictures that a meta.json names, of a model that was read; none of a bundle."""
+    if zipfile.is_zipfile(path):
+        return []
+    parts = [part for part in parse_json(path.read_text(encoding="utf-8")).values() if isinstance(part, dict)]
+    names = {name for part in parts for name in part.get("files", ()) if isinstance(name, str)}
+    return [path.parent / name for name in sorted(names) if Path(name).name == name]
+
+
 def _unpacked(path: Path, size: int, bundle: zipfile.ZipFile, name: str) -> bytes:
     info = bundle.getinfo(name)
     if info.compress_size > size:  # zipfile would make room for all of it first

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..formats.read import format_of, is_model_name, is_sog_meta, read_model
+from ..formats.read import format_of, is_model_name, is_sog_meta, read_model, size_of
 from ..formats.sizes import FileKind, by_part
 from ..formats.sog_read import META
 from ..poses.config import SETTINGS as POSES
 from ..render.framing import CORE, robust_sphere
 from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, POSED, read_run
+from ..scene.drawing import DrawnAs
 from ..scene.kinds import COUNTED, kinds, kinds_of
 from ..scene.splats import Splats
 from ..support.errors import DataError
-from ..support.wording import count, counted, duration, file_size, finite, fixed
+from ..support.wording import count, counted, duration, file_size, finite, fixed, printable
 from ..training.config import FREE, TrainConfig
 from .lines import drawn, line, sh_degrees
 
@@ -43,7 +44,8 @@ FAR = 100.0  # robust radii from the centre
 
 
 def describe(path: str | Path) -> list[str]:
-    """Lines about a model, a run folder, a scene or a data set. Raises ``DataError`` for all else and what is broken.
+    """Printable lines about a model, a run folder, a scene or a data set. Raises ``DataError`` for all else and what is
+    broken.
 
     A Mitsuba scene needs a variant to be set; one without splats is a data set, whose sensors are rendered.
     """
@@ -54,8 +56,9 @@ def describe(path: str | Path) -> list[str]:
         from .scene import describe_scene  # of the active variant
 
         if has_splats(path):
-            return describe_scene(path)
-    return {"model": describe_model, "run": describe_run, "data": describe_dataset}[kind](path)
+            return [printable(text) for text in describe_scene(path)]
+    described = {"model": describe_model, "run": describe_run, "data": describe_dataset}[kind](path)
+    return [printable(text) for text in described]
 
 
 def kind_of(path: Path) -> str:
@@ -106,7 +109,7 @@ def describe_model(path: Path) -> list[str]:
     """Counts, ranges and problems of a model."""
     model = read_model(path)
     splats = model.splats
-    size = path.stat().st_size
+    size = size_of(path)
     n, m = splats.n_splats, splats.n_dog
     lines = [
         f"{path}: model",
@@ -179,7 +182,8 @@ def describe_run(path: Path) -> list[str]:
     if metrics:
         lines.append(line("model", file_size(metrics.get("bytes"))))
         lines.append(line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))
-        lines += [line(split, _quality(metrics[split])) for split in ("test", "train") if metrics.get(split)]
+        splits = {"test": run.measured, "train": "train"}  # by their names in the file: what they are
+        lines += [line(views, _quality(metrics[name])) for name, views in splits.items() if metrics.get(name)]
     if settings := _settings(run.config):
         lines.append(line("settings", ", ".join(settings)))
     problems = [f"{name} is missing" for name in (*RUN_FILES, MODEL) if not (path / name).is_file()]
@@ -193,6 +197,8 @@ def describe_run(path: Path) -> list[str]:
 def _settings(config: dict[str, Any]) -> list[str]:
     """Those of ``SETTINGS``, and all others that are not as they usually are and bear on the result."""
     usual = {field.name: field.default for field in fields(TrainConfig) if field.name not in UNTOLD}
+    if config.get("near_clip") == DrawnAs().near_clip:  # a run writes it down where nobody has said anything, too
+        usual["near_clip"] = config["near_clip"]
     told = [name for name in config if name in SETTINGS or (name in usual and config[name] != usual[name])]
     return [name if config[name] is True else f"{name} {_whole(config[name])}" for name in told]
 

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from .wording import printable
+
 QUOTED = 600  # characters of a name, or of what quotes a file
 
 
@@ -18,7 +20,7 @@ class DataError(ValueError):
     def __init__(self, path: str | Path, problem: str, remedy: str):
         place, what = (text if len(text) <= QUOTED else text[:QUOTED] + "..." for text in (str(path), problem))
         line = " ".join(f"{place}: {what}; {remedy}".split())
-        super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line))
+        super().__init__(printable(line))
         self.path = Path(path)
 
 

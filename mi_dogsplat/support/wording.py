@@ -37,6 +37,11 @@ def counted(number: object, one: str) -> str:
     return f"{count(number)} {one}" + ("s" if finite(number) != 1 else "")
 
 
+def printable(text: str) -> str:
+    """One line that no terminal obeys: line ends, control characters and halves of characters are told as escapes."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
 def in_words(names: Sequence[str]) -> str:
     """``slopes``, ``slopes and cuts``, ``slopes, cuts and bands``; nothing of none."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

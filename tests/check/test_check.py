@@ -16,6 +16,7 @@ from mi_dogsplat.check.run import check
 from mi_dogsplat.check.settings import GROUPS
 from mi_dogsplat.check.training import read_training
 from mi_dogsplat.cli import main
+from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
@@ -72,6 +73,18 @@ def test_the_curves_of_a_run_end_with_what_it_measured_in_the_end(finished_run):
     assert curves["psnr"] == [[5.0, 22.0], [10.5, 25.0]] and curves["flip"] == [[5.0, 0.2], [10.5, 0.1]]
     assert curves["l1"][0] == [1.0, 0.1] and len(curves["l1"]) == 10
     assert curves["final"]["ssim"] == 0.9
+
+
+def test_the_primitives_of_a_run_are_those_of_its_model(finished_run):
+    """What has faded is in the last row of the history, and left out of the model."""
+    metrics = json.loads((finished_run / "metrics.json").read_text())
+    (finished_run / "metrics.json").write_text(json.dumps(metrics | {"n": 108}))
+    assert read_training([finished_run])[0]["n"] == 108
+
+
+def test_a_run_that_read_no_test_view_says_which_it_measured(finished_run):
+    (finished_run / "config.json").write_text('{"data": "/data/fox", "preset": "ours", "split": "validation"}')
+    assert read_training([finished_run])[0]["label"] == "fox · preset ours · validation views"
 
 
 def test_an_interrupted_run_has_curves_too_and_equal_names_are_told_apart(finished_run):
@@ -194,6 +207,13 @@ def test_bad_runs_are_found_before_hours_of_work(tmp_path, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
+def test_what_changes_no_number_of_a_model_is_refused(model, tmp_path):
+    for options, flag in ((PictureOptions(linear=True), "--linear"), (PictureOptions(white=2.0), "--white")):
+        with pytest.raises(DataError, match=f"{flag}: changes no number that is measured"):
+            check(tmp_path / "out", model, options=options)
+    assert not (tmp_path / "out").exists()
+
+
 def test_bad_input_is_one_line_that_names_it(capsys, model, tmp_path):
     write_ply(tmp_path / "empty.ply", Splats.empty(0))
     (tmp_path / "bad.ply").write_text("ply\nnonsense\n")
@@ -210,6 +230,9 @@ def test_bad_input_is_one_line_that_names_it(capsys, model, tmp_path):
         ([model, "-o", out, "--camera", "0"], "--data"),
         (["-o", out, "--only", "stability", "--data", "photos"], "--data: says from where a model is seen"),
         (["-o", out, "--only", "stability", "--camera", "0"], "--camera: says from where a model is seen"),
+        (["-o", out, "--near-clip", "0"], "--near-clip: says how a model is drawn, and there is none"),
+        (["-o", out, "--background", "white"], "--background: says how a model is drawn, and there is none"),
+        ([model, "-o", out, "--white", "2"], "unrecognized arguments: --white"),
         ([model, "-o", out, "--camera", tmp_path / "no.json"], "no.json"),
         ([model, "-o", out, "--width", 3], "--width", "3", "16"),
         ([model, "-o", out, "--rounds", 0], "--rounds"),

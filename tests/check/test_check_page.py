@@ -50,7 +50,7 @@ def test_the_page_shows_every_part():
     labels = [re.findall('aria-label="([^"]*)"', svg)[0] for svg in figures(html)]
     assert labels == [
         "mean error of the image against forward, ms", "relative error, worst gradient against forward + backward, ms",
-        "training L1 against run time, s", "test PSNR, dB against run time, s", "test FLIP against run time, s",
+        "training L1 against run time, s", "PSNR, dB against run time, s", "FLIP against run time, s",
     ]  # fmt: skip
     tiles = [words(tile) for tile in page.findall(".//*[@class='tile']")]
     assert tiles == [

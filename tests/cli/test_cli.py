@@ -1,6 +1,7 @@
 """The command line: its commands work, its help teaches, and bad input is one line and exit status 2."""
 
 import json
+import shutil
 from importlib.metadata import version
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import tiny_data
 from command_line import assert_one_line, run
 from dataset_folders import transforms_folder
 from happenings import history_of, records
-from mi_dogsplat import read_ply
+from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli.parser import build_parser
 from mi_dogsplat.cli.printing import metrics_line
 from mi_dogsplat.scene.camera_file import write_camera
@@ -57,6 +58,26 @@ def test_train_then_info_render_and_eval_on_what_it_made(capsys, data, tmp_path)
     measured = json.loads((tmp_path / "measured" / "metrics.json").read_text())["test"]
     assert measured == pytest.approx(json.loads((out / "metrics.json").read_text())["test"], rel=1e-4)
     assert (tmp_path / "measured" / "0_error.png").is_file()
+
+
+def test_names_of_images_do_not_reach_the_terminal_as_they_are(capsys, data, tmp_path):
+    photos = shutil.copytree(data, tmp_path / "photos")
+    content = json.loads((photos / "transforms.json").read_text())
+    for frame in content["frames"]:
+        new = frame["file_path"].replace("images/", "images/\x1b[31m")
+        (photos / frame["file_path"]).rename(photos / new)
+        frame["file_path"] = new
+    (photos / "transforms.json").write_text(json.dumps(content))
+    write_ply(tmp_path / "m.ply", tiny_data.truth())
+    status, printed, _ = run(capsys, "eval", tmp_path / "m.ply", photos)
+    assert status == 0 and printed.startswith("\\x1b[31m0 ") and "\x1b" not in printed
+
+
+def test_train_says_which_views_it_measured(capsys, data, tmp_path):
+    command = ["train", data, "-o", tmp_path / "run", *SMALL[:3], "2", *SMALL[4:], "--split", "validation"]
+    status, printed, _ = run(capsys, *command)
+    assert status == 0 and "measuring 1 validation view," in printed and "\nvalidation views: PSNR" in printed
+    assert "test view" not in printed
 
 
 def test_train_says_that_masks_of_frames_are_not_followed_unless_masks_are_given(capsys, tmp_path):

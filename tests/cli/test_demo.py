@@ -48,6 +48,13 @@ def test_the_bar_of_the_training_has_ended_before_the_model_is_measured(tmp_path
     assert "300/300" in told[1] and "300/300" not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("flag", ["--steps", "--target"])
+def test_numbers_that_cannot_be_trained_with_show_before_anything_is_traced(flag, tmp_path: Path, capsys, monkeypatch):
+    monkeypatch.setattr(tour, "capture", lambda *_: pytest.fail("too late"))
+    assert main(["-o", str(tmp_path), flag, "0", "--variant", "llvm_ad_rgb"]) == 2
+    assert capsys.readouterr().err.startswith("demo: --")
+
+
 def test_the_scene_is_found_in_a_wheel_and_in_a_checkout_and_missed_in_one_line(tmp_path: Path, monkeypatch):
     assert tour.scene_file() == tour.CHECKED_OUT / "demo_truth.xml"
     monkeypatch.setattr(tour, "PACKAGED", tmp_path)

@@ -1,5 +1,6 @@
 """``dogsplat info``: the numbers are right, and each problem is found and only where it is."""
 
+import base64
 import dataclasses
 import json
 import zipfile
@@ -11,10 +12,12 @@ import pytest
 import tiny_data
 from dataset_folders import transforms_folder
 from mi_dogsplat import Drawing, Model, write_model, write_ply
+from mi_dogsplat.cli.printing import size_line
 from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.info import describe, model_problems
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.wording import file_size
 from mi_dogsplat.training.config import TrainConfig
 from own_axes_models import CURVED, CUT, SECOND_CUT, SHIFTED, SLOPED, Kind
 from row_kinds import of_each
@@ -55,6 +58,27 @@ def test_a_model_is_described_by_its_counts_and_ranges(tmp_path):
     low, high = splats.opacities.min(), splats.opacities.max()
     assert value_of(lines, "opacity").startswith(f"{low:.4g} to {high:.4g}")
     assert lines[-1] == "problems: none found"
+
+
+def test_the_size_of_a_model_is_that_of_all_its_files(tmp_path):
+    write_model(tmp_path / "m.sog", Model(tiny_data.truth()))
+    with zipfile.ZipFile(tmp_path / "m.sog") as bundle:
+        bundle.extractall(tmp_path / "sog")
+    write_model(tmp_path / "m.gltf", Model(tiny_data.truth()))
+    content = json.loads((tmp_path / "m.gltf").read_text())
+    (tmp_path / "gltf").mkdir()
+    embedded = content["buffers"][0]["uri"].partition(",")[2]
+    (tmp_path / "gltf" / "a b.bin").write_bytes(base64.b64decode(embedded))
+    content["buffers"][0]["uri"] = "a%20b.bin"
+    content["buffers"] += [{"byteLength": 4, "uri": uri} for uri in ("../m.sog", "no.bin")]  # of nothing that is read
+    (tmp_path / "gltf" / "m.gltf").write_text(json.dumps(content))
+    for name in ("m.sog", "sog/meta.json", "m.gltf", "gltf/m.gltf"):
+        folder = (tmp_path / name).parent
+        size = sum(file.stat().st_size for file in ([tmp_path / name] if folder == tmp_path else folder.iterdir()))
+        told = value_of(describe(tmp_path / name), "size")
+        assert told == f"{file_size(size)}, {size / tiny_data.N_TRUTH:.0f} bytes per primitive", name
+        written = size_line(tmp_path / "m.sog", tiny_data.N_TRUTH, tmp_path / name)  # of what is made of it
+        assert written.endswith(f"; {Path(name).name} has {file_size(size)}"), name
 
 
 def test_a_mixed_model_is_counted_by_sh_degree_and_its_bytes_by_part(tmp_path):
@@ -155,12 +179,40 @@ def test_a_complete_run_shows_its_result(tmp_path):
     assert lines[-1] == "problems: none found"
 
 
+def test_what_a_run_or_a_data_set_holds_does_not_reach_a_terminal_as_it_is(tmp_path):
+    run = write_run(tmp_path)
+    config = json.loads((run / "config.json").read_text())
+    (run / "config.json").write_text(json.dumps(config | {"data": "a\x1b[2Jb", "seed": "1\n  test   2"}))
+    lines = describe(run)
+    assert lines[0] == f"{run}: training run on a\\x1b[2Jb" and "seed 1\\n  test" in value_of(lines, "settings")
+    file = transforms_folder(tmp_path / "data") / "transforms.json"
+    content = json.loads(file.read_text())
+    old = content["frames"][0]["file_path"]
+    new = str(Path(old).with_name("\x1b]0;title\x07" + Path(old).name))
+    (found,) = file.parent.glob(f"{old}*")
+    found.rename(file.parent / new if found.suffix == Path(old).suffix else file.parent / (new + found.suffix))
+    content["frames"][0]["file_path"] = new
+    file.write_text(json.dumps(content))
+    lines = describe(file.parent)
+    assert "\\x1b]0;title\\x07" in value_of(lines, "names") and all(line.isprintable() for line in lines)
+
+
+def test_views_that_are_no_test_views_are_not_called_so(tmp_path):
+    run = write_run(tmp_path)
+    config = json.loads((run / "config.json").read_text())
+    (run / "config.json").write_text(json.dumps(config | {"split": "validation"}))
+    lines = describe(run)
+    assert value_of(lines, "validation").startswith("PSNR 27.34 dB")
+    assert not [line for line in lines if line.startswith("  test ")]
+
+
 def test_the_settings_of_a_run_that_were_given_are_shown(tmp_path):
     run = write_run(tmp_path)
     usual = dataclasses.asdict(TrainConfig("photos/fox"))
     given = {"target": "2MB", "format": "spz", "batch_views": 4, "appearance": True, "memory": "8G", "up": "z"}
     all_given = ", target 2MB, format spz, batch_views 4, appearance"
-    for changed, shown in (({}, ""), (given, all_given), ({"target": 20000.0}, ", target 20000")):
+    clips = (({"near_clip": 0.2}, ""), ({"near_clip": 0.05}, ", near_clip 0.05"))  # as runs of default settings have it
+    for changed, shown in (({}, ""), (given, all_given), ({"target": 20000.0}, ", target 20000"), *clips):
         (run / "config.json").write_text(json.dumps(usual | changed))
         told = value_of(describe(run), "settings").split(", ")
         assert sorted(told) == sorted(f"preset ours, downscale 1, max_primitives None, seed 0{shown}".split(", "))

@@ -81,6 +81,16 @@ def test_a_tutorial_is_saved_as_it_ran_from_top_to_bottom(path):
     assert not home, "paths of the machine that it was saved on"
 
 
+def test_the_run_folder_that_is_shown_has_all_that_the_page_about_training_lists():
+    page = (FOLDER.parent / "docs" / "training.md").read_text(encoding="utf-8")
+    table = page.partition("| in the run folder | |")[2].partition("\n\n")[0]
+    names = set(re.findall(r"^\| `([\w.]+)/?` \|", table, re.M)) - {"refined"}  # which is of --refine-poses
+    cells = code_cells(read(FOLDER / "2_from_photographs_to_a_compact_model.ipynb"))
+    (cell,) = (cell for cell in cells if "iterdir" in cell.source)
+    (shown,) = (ast.literal_eval(out.text) for out in cell.outputs if out.get("name") == "stdout")
+    assert len(names) >= 8 and set(shown) == names
+
+
 def test_all_tutorials_are_small_enough_for_a_page():
     assert len(NOTEBOOKS) == len(CLAIMS)
     assert sum(path.stat().st_size for path in NOTEBOOKS) < MOST_BYTES

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from ...check import PARTS
+from ...check import PARTS, UNUSED
 from ...render.picture_options import PictureOptions
 from ...support.variants import set_variant
 from ..flags import add_picture_flags, add_view_flags, given_settings
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_view_flags(parser)
     parser.add_argument("--width", type=int, default=256, metavar="N", help="of the pictures, in pixels (default: 256)")
     parser.add_argument("--rounds", type=int, default=9, metavar="N", help="timings of each setting (default: 9)")
-    add_picture_flags(parser)
+    add_picture_flags(parser, without=UNUSED)
 
 
 def run(args: argparse.Namespace) -> int:

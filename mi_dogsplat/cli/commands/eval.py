@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ...render.picture_options import PictureOptions
 from ...support.variants import set_variant
+from ...support.wording import printable
 from ..flags import DATA_HELP, MODEL_HELP, add_picture_flags, given_settings
 from ..printing import metrics_line
 
@@ -44,4 +45,4 @@ def run(args: argparse.Namespace) -> None:
     more = args.masks, args.color_correct, args.data_on_disk
     views = evaluate_model(args.model, args.data, args.out, *more, options, args.align_poses)
     for name, values in {**views, "mean": mean_metrics(views)}.items():
-        print(f"{name:24s}{metrics_line(values)}")
+        print(f"{printable(name):24s}{metrics_line(values)}")
