@@ -27,25 +27,30 @@ class PathKey:
     sized: bool
 
 
-def read_path(path: Path, width: int, height: int) -> list[PathKey]:
-    """The keys of a file, in order of time; ``width`` and ``height`` of pictures that it does not say.
+def read_path(path: Path, width: int, height: int, upright: np.ndarray) -> list[PathKey]:
+    """The keys of a file, in order of time; ``width`` and ``height`` of pictures, and what is ``upright`` [3], where it
+    does not say.
 
     Without times they are a second apart. Raises ``FileError``.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
         raise FileError(path, "cannot be read as JSON ({reason})", FORMAT, reason=error) from error
     whole: dict[str, Any] = content if isinstance(content, dict) else {"keys": content}
     entries = whole.get("keys")
     if not isinstance(entries, list) or not entries:
         raise FileError(path, "has no list of keys", FORMAT)
-    up, fov = np.array(whole.get("up", (0, 0, 1)), np.float64), AUTOMATIC_FOV
+    up, fov = np.array(whole.get("up", upright), np.float64), AUTOMATIC_FOV
     keys: list[PathKey] = []
     for i, entry in enumerate(entries):
         try:
-            fov = float(entry.get("fov", fov))
-            camera = _given(path, i, entry) if "w2c" in entry else _aimed(entry, up, fov, i, width, height)
+            if "w2c" in entry:
+                camera = _given(path, i, entry)
+                fov = _fov(camera)
+            else:
+                fov = float(entry.get("fov", fov))
+                camera = _aimed(entry, up, fov, i, width, height)
             keys.append(PathKey(float(entry.get("time", i)), camera, "w2c" in entry))
         except (ValueError, TypeError, KeyError, AttributeError, ZeroDivisionError) as error:
             if isinstance(error, FileError):
@@ -61,6 +66,11 @@ def _given(path: Path, i: int, entry: dict[str, Any]) -> Camera:
     cx, cy = float(entry.get("cx", width / 2)), float(entry.get("cy", height / 2))
     w2c = rigid(path, f"key {i}", entry["w2c"])
     return Camera(f"key {i}", w2c, fx, float(entry.get("fy", fx)), cx, cy, width, height)
+
+
+def _fov(camera: Camera) -> float:
+    """Degrees of the shorter side."""
+    return 2 * math.degrees(math.atan(min(camera.width, camera.height) / (2 * math.sqrt(camera.fx * camera.fy))))
 
 
 def _aimed(entry: dict[str, Any], up: np.ndarray, fov: float, i: int, width: int, height: int) -> Camera:

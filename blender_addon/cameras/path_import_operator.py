@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
+import numpy as np
 from bpy.props import BoolProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 
 from ..files.errors import FileError, told
 from ..objects.attributes import is_splats
@@ -35,13 +36,14 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """A camera that follows the active model of splats, as it is placed now; after an error, none."""
         scene, path = context.scene, Path(self.filepath)
+        model = context.view_layer.objects.active
+        matrix = Matrix(placement(model)) if is_splats(model) else Matrix.Identity(4)
+        upright = matrix.to_3x3().inverted_safe() @ Vector((0, 0, 1))  # of Blender, in the coordinates of the file
         try:
-            keys = read_path(path, *picture_size(scene.render))
+            keys = read_path(path, *picture_size(scene.render), np.array(upright))
         except FileError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        model = context.view_layer.objects.active
-        matrix = Matrix(placement(model)) if is_splats(model) else Matrix.Identity(4)
         obj = build_camera(scene.collection, keys[0].camera, matrix, str(path), False)
         obj.name = obj.data.name = path.stem
         rate, start = scene.render.fps / scene.render.fps_base, scene.frame_start

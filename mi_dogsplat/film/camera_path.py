@@ -13,6 +13,7 @@ from ..scene.cameras import Camera, inverse_rigid
 
 DEFAULT_SIZE = (1280, 720)  # pixels
 DEFAULT_SECONDS = 10.0
+WHOLE = 1e-6  # of a frame: nothing, but for rounding
 DIGITS = 9  # of poses and lenses, that tell paths apart
 
 
@@ -52,13 +53,25 @@ class CameraPath:
     seconds: float | None = None
     size: tuple[int, int] | None = None
 
-    def moments(self, n: int, shutter: float = 0.0, samples: int = 1) -> np.ndarray:
-        """Shares of the way [n, samples] at which the ``n`` frames of a film are exposed.
+    def frames(self, seconds: float | None, fps: float) -> tuple[int, float]:
+        """(number of frames, how many steps between frames the way is long) of a film that takes so many seconds; None:
+        as long as the way says, else ``DEFAULT_SECONDS``.
 
-        A closed way has its last frame one step before the first one, an open one ends at its end. ``shutter`` is the
-        share of a step over which the samples spread, around the frame's own moment.
+        A closed way has its last frame one step before the first one. An open one ends at its end; where it says how
+        long it takes, its frames are at their own times instead, so that keys of another program are met when that
+        program meets them.
         """
-        steps = n if self.closed else max(n - 1, 1)
+        if seconds is None and self.seconds is not None and not self.closed:
+            steps = self.seconds * fps
+            return int(steps + WHOLE) + 1, max(steps, WHOLE)
+        n = max(1, round((seconds or self.seconds or DEFAULT_SECONDS) * fps))
+        return n, float(n if self.closed else max(n - 1, 1))
+
+    def moments(self, n: int, steps: float, shutter: float = 0.0, samples: int = 1) -> np.ndarray:
+        """Shares of the way [n, samples] at which frames are exposed, as many and as far apart as ``frames`` says.
+
+        ``shutter`` is the share of a step over which the samples spread, around the frame's own moment.
+        """
         offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * shutter  # [samples]
         shares = (np.arange(n)[:, None] + offsets) / steps  # [n, samples]
         return shares % 1.0 if self.closed else np.clip(shares, 0, 1)

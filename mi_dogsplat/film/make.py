@@ -17,7 +17,7 @@ from ..runs.stopping import Stopped, StopRequest
 from ..support.errors import DataError, writing
 from ..support.settings import refuse
 from ..support.wording import counted
-from .camera_path import DEFAULT_SECONDS, DEFAULT_SIZE, CameraPath
+from .camera_path import DEFAULT_SIZE, CameraPath
 from .data_path import cameras_path
 from .exposure import exposed
 from .film_config import FilmConfig
@@ -69,10 +69,9 @@ def make_film(
     subject = read_subject(model, data, options)
     path = _path(subject, config)
     size = config.size or _even(path.size or DEFAULT_SIZE)
-    seconds = config.seconds or path.seconds or DEFAULT_SECONDS
-    n = max(1, round(seconds * config.fps))
+    n, steps = path.frames(config.seconds, config.fps)
     if n > MOST_FRAMES:
-        raise DataError("--seconds", f"{seconds:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
+        raise DataError("--seconds", f"{n / config.fps:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
     what = f"{path.what}: {counted(n, 'frame')} of {size[0]} x {size[1]}"
     drawn = subject.drawn
     alpha = pictures is not None and pictures.alpha
@@ -85,7 +84,7 @@ def make_film(
         linear=drawn.linear,
         white=drawn.white,
     )
-    moments = path.moments(n, config.shutter, config.samples if config.shutter else 1)  # [n, samples]
+    moments = path.moments(n, steps, config.shutter, config.samples if config.shutter else 1)  # [n, samples]
 
     def frame(number: int) -> np.ndarray:
         cameras = [path.at(float(share)).camera(*size) for share in moments[number]]

@@ -105,7 +105,7 @@ def test_the_film_of_a_path_is_made(animated, model, tmp_path):
     command += ["--path", str(tmp_path / "keys.json"), "--fps", "3"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
     assert done.returncode == 0, done.stderr
-    assert "3 frames of 64 x 48, 1 s; through 9 key frames" in done.stdout
+    assert "4 frames of 64 x 48, 1.333 s; through 9 key frames" in done.stdout
 
 
 def test_what_no_camera_can_see_is_refused(animated, tmp_path):
@@ -170,6 +170,21 @@ def test_keys_that_look_at_a_point_are_imported(scene, tmp_path):
     assert scene.frame_end == 21
     scene.frame_set(21)
     assert scene.camera.matrix_world.to_3x3() @ Vector((0, 0, -1)) == Vector((0, 0, 1))  # OpenCV's z
+
+
+def test_a_file_that_leaves_things_out_is_read_as_by_the_package(scene, model, tmp_path):
+    """Upright is what is up in Blender now; the field of view is that of the camera before; editors of Windows begin a
+    text with a mark."""
+    load(model, up_axis="-Y")
+    camera = {"w2c": np.eye(4).tolist(), "fx": 90.0, "width": 60, "height": 40, "time": 0}
+    keys = [camera, {"time": 1, "position": [3, 1, 2], "look_at": [0, 0, 0]}]
+    (tmp_path / "keys.json").write_text(json.dumps({"keys": keys}), encoding="utf-8-sig")
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.fps = 60, 40, 10
+    assert bpy.ops.import_scene.dogsplat_path(filepath=str(tmp_path / "keys.json")) == {"FINISHED"}
+    scene.frame_set(11)
+    assert abs(scene.camera.matrix_world.to_3x3().col[0].z) < 1e-6 < scene.camera.matrix_world.to_3x3().col[1].z
+    edge = scene.camera.matrix_world @ Vector((0, 20 / 90, -1))
+    assert world_to_camera_view(scene, scene.camera, edge).y == pytest.approx(1, abs=1e-4)
 
 
 @pytest.mark.parametrize("content, message", [

@@ -1,6 +1,7 @@
 """Camera paths: orbits close and look at their middle, paths along cameras keep near them, key frames are met."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,18 +40,36 @@ def row_of_cameras(n: int = 12, trembling: float = 0.0) -> list[Camera]:
 @pytest.mark.parametrize("closed", [True, False])
 def test_a_film_of_a_closed_path_leaves_out_the_end_that_is_its_beginning(closed):
     path = CameraPath(orbit(around_model(tiny_data.truth(), Z, None), FilmConfig()).at, closed, "")
-    moments = path.moments(5)
+    n, steps = path.frames(2.5, 2)
+    moments = path.moments(n, steps)
     assert moments.shape == (5, 1)
     np.testing.assert_allclose(moments[:, 0], np.arange(5) / (5 if closed else 4))
-    assert path.moments(1).tolist() == [[0.0]]
+    assert path.moments(*path.frames(0.1, 1)).tolist() == [[0.0]]
+    assert path.frames(None, 3)[0] == 30
+
+
+@pytest.mark.parametrize("fps, count", [(24, 25), (12, 13), (7, 8), (30, 31), (100, 101)])
+def test_frames_of_keys_that_say_their_times_are_at_their_own(fps, count):
+    """25 frames of another program, at 24 in a second. A way that ends between two frames has none at its end. A time
+    that is asked for stretches the keys, and a loop goes on."""
+    path = CameraPath(lambda share: None, False, "", 49 / 24 - 25 / 24)  # pyright: ignore[reportArgumentType]
+    n, steps = path.frames(None, fps)
+    assert n == count and path.seconds is not None
+    np.testing.assert_allclose(path.moments(n, steps)[:, 0] * path.seconds, np.arange(n) / fps, atol=1e-6)
+    longer = replace(path, seconds=1 + 0.3 / fps)
+    n, steps = longer.frames(None, fps)
+    assert n == count and longer.moments(n, steps).max() == pytest.approx(fps / (fps + 0.3))
+    assert path.frames(2.0, fps) == (2 * fps, 2 * fps - 1)
+    assert replace(path, closed=True).frames(None, fps) == (fps, fps)
+    assert replace(path, seconds=1e-9).frames(None, fps)[0] == 1
 
 
 def test_the_moments_of_an_exposure_spread_over_the_open_shutter():
     path = CameraPath(lambda share: None, True, "")  # pyright: ignore[reportArgumentType]
-    moments = path.moments(10, shutter=0.5, samples=4)
+    moments = path.moments(10, 10, shutter=0.5, samples=4)
     np.testing.assert_allclose(moments[3], (3 + 0.5 * np.array([-0.375, -0.125, 0.125, 0.375])) / 10)
     assert moments.min() >= 0 and moments.max() < 1  # before the first frame is after the last one
-    ends = CameraPath(path.at, False, "").moments(10, shutter=0.5, samples=4)
+    ends = CameraPath(path.at, False, "").moments(10, 9, shutter=0.5, samples=4)
     assert ends.min() == 0 and ends.max() == 1
 
 
@@ -65,7 +84,7 @@ def test_paths_are_told_apart_by_where_they_lead_whatever_the_last_bits():
         return CameraPath(at, False, "an arc")
 
     def sha256(other: CameraPath) -> str:
-        return other.sha256(other.moments(5, 0.5, 2))
+        return other.sha256(other.moments(5, 4, 0.5, 2))
 
     same = sha256(path())
     assert sha256(path(1 + 1e-15, 1e-15, 1.2 + 1e-15)) == same
