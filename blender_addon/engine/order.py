@@ -15,6 +15,7 @@ from ..cameras.camera import Camera
 from ..cameras.objects import Eye, camera_numbers, rendered_part
 from ..evaluated.masks import mask_of, numbered
 from ..evaluated.placed import copied_drawings, moved_model, placed_model, placed_splats
+from ..evaluated.shown_object import ShownObject
 from ..files.errors import told
 from ..files.light import Light, in_common_light
 from ..files.linear_map import flattens
@@ -56,7 +57,7 @@ class Stage:
     """What stands before the camera, whichever that is, as a request without one."""
 
     request: dict[str, Any]
-    objects: list[str]  # by their numbers
+    objects: list[ShownObject]  # by their numbers
     whole: bool  # a scene, and not splats over black
     light: Light  # what the colours of splats mean; those of a scene are radiance
     files: set[str]  # in the folder, which the request names
@@ -77,7 +78,7 @@ class _Splats:
     models: list[Model] = field(default_factory=list)
     matrices: list[np.ndarray] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
-    names: list[str] = field(default_factory=list)
+    objects: list[ShownObject] = field(default_factory=list)
     masks: list[str] = field(default_factory=list)
     near: list[float] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -151,13 +152,13 @@ def make_stage(
         request["model"] = str(model)
         files.add(model.name)
     if not whole:
-        return Stage(request | numbered(splats.masks), splats.names, False, light, files, notes)
+        return Stage(request | numbered(splats.masks), splats.objects, False, light, files, notes)
     written = write_scene(depsgraph, seen_by, camera, folder, len(splats.models), hidden)
     request |= {"scene": str(folder / written.scene), "max_depth": settings.bounces + 1}
     request |= {"mesh_shadows": settings.mesh_shadows, "transparent": settings.transparent}
     request |= {"hide_lamps": written.hide_lamps} | numbered(splats.masks + written.masks)
     files |= written.files
-    return Stage(request, splats.names + written.names, True, light, files, notes + written.notes)
+    return Stage(request, splats.objects + written.objects, True, light, files, notes + written.notes)
 
 
 def tidy(folder: Path, files: set[str]) -> None:
@@ -196,7 +197,7 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
         found.models.append(model)
         found.lights.append(light_of(obj))
         found.matrices.append(matrix)
-        found.names.append(obj.name)
+        found.objects.append(ShownObject.of(obj, depsgraph))
         found.notes += [note for note in notes if note not in found.notes]
         found.masks.append(mask_of(owner, obj, depsgraph))
     return found
@@ -211,7 +212,7 @@ def _write_model(folder: Path, splats: _Splats, light: Light) -> Path:
             content.update(np.ascontiguousarray(array))
     path = folder / f"model_{content.hexdigest()}.ply"
     if not path.exists():
-        placed = zip(splats.models, splats.matrices, splats.names, strict=True)
-        models = [moved_model(model, matrix, name) for model, matrix, name in placed]
+        placed = zip(splats.models, splats.matrices, splats.objects, strict=True)
+        models = [moved_model(model, matrix, of.name) for model, matrix, of in placed]
         write_ply(path, concatenate(models), comments)
     return path

@@ -56,10 +56,10 @@ def values(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Scene)
     if "normal" in picture:
         found["Normal"] = picture["normal"]
     if "object" in picture:
-        of_object = [_pass_index(name) for name in order.objects] + [0]  # -1 is the last
+        of_object = [of.index for of in order.objects] + [0]  # -1 is the last
         found[OBJECT_INDEX] = np.array(of_object, np.float32)[picture["object"]][..., None]
     if "matte" in picture:
-        hashes = np.array([float_of(name) for name in order.objects] + [0.0], np.float32)
+        hashes = np.array([float_of(of.name) for of in order.objects] + [0.0], np.float32)
         matte = picture["matte"]  # [H, W, 4, 2]
         ranks = np.stack([hashes[matte[..., 0].astype(int)], matte[..., 1]], -1).reshape(*matte.shape[:2], 8)
         found |= {f"{MATTE}00": ranks[..., :4], f"{MATTE}01": ranks[..., 4:]}
@@ -70,7 +70,7 @@ def matte_metadata(layer: str, order: Order) -> dict[str, str]:
     """What the Cryptomatte of an OpenEXR file says about itself."""
     name = f"{layer}.{MATTE}"
     said = {"name": name, "hash": "MurmurHash3_32", "conversion": "uint32_to_float32"}
-    said["manifest"] = json.dumps(manifest(order.objects))
+    said["manifest"] = json.dumps(manifest([of.name for of in order.objects]))
     return {f"cryptomatte/{key_of(name)}/{word}": text for word, text in said.items()}
 
 
@@ -130,8 +130,3 @@ def _as_high(array: Any, height: int) -> np.ndarray:
     low = np.floor(place).astype(int)
     share = (place - low).reshape(-1, *[1] * (array.ndim - 1))
     return (1 - share) * array[low] + share * array[np.minimum(low + 1, rows - 1)]
-
-
-def _pass_index(name: str) -> int:
-    obj = bpy.data.objects.get(name)
-    return obj.pass_index if obj else 0

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..evaluated.masks import mask_of
+from ..evaluated.shown_object import ShownObject
 from ..evaluated.visible import is_shown
 from ..files.errors import type_name
 from ..nodes.material import draws_splats
@@ -34,7 +35,7 @@ WITHOUT = ("VOLUME", "POINTCLOUD", "CURVES", "GREASEPENCIL", "GPENCIL")
 class Placed:
     """A body of the scene: what is repeated has one list of parts, which several share."""
 
-    name: str
+    of: ShownObject
     key: int  # of its geometry
     world: np.ndarray  # [4, 4]
     materials: list[bpy.types.Material | None]
@@ -63,11 +64,11 @@ def has_surroundings(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> 
 
 @dataclass
 class Written:
-    """scene: the name of its file. names, masks: of the objects, by their numbers. hide_lamps: there are some that
+    """scene: the name of its file. objects, and their masks, by their numbers. hide_lamps: there are some that
     cameras would see, and in Blender see none of. files: in the folder, that of the scene among them."""
 
     scene: str
-    names: list[str]
+    objects: list[ShownObject]
     masks: list[str]
     hide_lamps: bool
     files: set[str]
@@ -92,7 +93,7 @@ def write_scene(
     export = Export(folder)
     _note_rays(export, depsgraph, hidden)
     found = _gather(export, depsgraph, hidden)
-    objects = list(dict.fromkeys((body.name, body.mask) for body in found.bodies))
+    objects = list(dict.fromkeys((body.of, body.mask) for body in found.bodies))
     described: Plugin = {"sensor": sensor} if sensor else {}
     looks = _materials(export, found)
     described |= {name: look.whole() for name, look in looks.items()}
@@ -105,8 +106,8 @@ def write_scene(
         described["world"] = emitter
     name = export.write(json.dumps(described).encode(), ".json")
     are_shapes = any("emitter" in plugin for name, plugin in described.items() if name.startswith(LAMP))
-    names, masks = ([known[k] for known in objects] for k in (0, 1))
-    return Written(name, names, masks, are_shapes, export.files, export.notes)
+    masks = [mask for _, mask in objects]
+    return Written(name, [of for of, _ in objects], masks, are_shapes, export.files, export.notes)
 
 
 def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
@@ -148,14 +149,14 @@ def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[st
                 materials = [override]
             owner = instance.parent if instance.is_instance else obj
             mask = mask_of(owner.original, obj.original, depsgraph)
-            body = Placed(obj.original.name, key, world, materials, mask)
+            body = Placed(ShownObject.of(obj, depsgraph), key, world, materials, mask)
             (metaballs if obj.type == "META" else found.bodies).append(body)
             listed.add(obj.original.name if obj.type != obj.original.type else "")
             if any(_is_hair(system.settings) for system in obj.particle_systems):
                 export.note('"{name}": its hair is left out', name=obj.original.name)
         elif obj.type in WITHOUT:
             export.note('"{name}" is left out ({kind})', name=obj.original.name, kind=type_name(obj))
-    found.bodies += [body for body in metaballs if body.name not in listed]  # where Blender has no mesh of it
+    found.bodies += [body for body in metaballs if body.of.name not in listed]  # where Blender has no mesh of it
     return found
 
 
@@ -183,7 +184,7 @@ def _materials(export: Export, found: Gathered) -> dict[str, Surface]:
 
 
 def _bodies(
-    export: Export, found: Gathered, looks: dict[str, Surface], numbers: dict[tuple[str, str], int]
+    export: Export, found: Gathered, looks: dict[str, Surface], numbers: dict[tuple[ShownObject, str], int]
 ) -> dict[str, Any]:
     """Shapes; geometry that is there several times is stored once, unless it shines, which Mitsuba does not repeat."""
     kinds = [_kind(body, found.geometry[body.key]) for body in found.bodies]
@@ -192,7 +193,7 @@ def _bodies(
     shapes: dict[str, Any] = {}
     for k, (body, kind) in enumerate(zip(found.bodies, kinds, strict=True)):
         own = list(zip(found.geometry[body.key], kind[1], strict=True))
-        name = f"object_{numbers[body.name, body.mask]}_{k}"
+        name = f"object_{numbers[body.of, body.mask]}_{k}"
         if not own:  # Mitsuba repeats no group of nothing
             continue
         if times[kind] > 1 and not any(looks[material].radiance for material in kind[1]):

@@ -63,6 +63,22 @@ def test_inputs_of_the_modifier(scene, monkeypatch, tmp_path, model, name, value
     assert found == pytest.approx(values)
 
 
+def test_pass_indices_of_splats_and_meshes(scene, monkeypatch, tmp_path, model):
+    """Of two models of one name, too, one of which is of another file."""
+    place_camera(scene, "dog")
+    splats, wall = load(model), body(plane(5), material("ShaderNodeBsdfDiffuse"))
+    splats.pass_index = 7
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {splats})
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, loaded):
+        loaded.objects = [splats.name]
+    scene.collection.objects.link(loaded.objects[0])
+    key(splats, "pass_index", 3, 4)
+    key(wall, "pass_index", 5, 6)
+    name, mesh = splats.name, wall.name
+    for frame, indices in zip(frames(scene, monkeypatch, tmp_path), ((3, 5), (4, 6)), strict=True):
+        assert sorted(frame.order.objects) == sorted([(name, indices[0]), (name, 7), (mesh, indices[1])])
+
+
 @pytest.mark.parametrize("name, values, mask", [
     ("is_holdout", (False, True), "holdout"), ("visible_camera", (True, False), "indirect_only"),
 ])  # fmt: skip
@@ -101,11 +117,12 @@ def test_a_model_that_grows_from_nothing(scene, monkeypatch, tmp_path, model, fl
     growing, other = load(model), load(model)
     key(growing, "scale", flat, (1, 1, 1))
     first, second = (frame.order for frame in frames(scene, monkeypatch, tmp_path))
-    number = first.objects.index(growing.name)
+    names = [of.name for of in first.objects]
+    number = names.index(growing.name)
     assert first.request["counts"][number] == 0 and first.request["counts"][1 - number] == 150
     assert second.request["counts"] == [150, 150] and first.objects == second.objects
     assert first.notes == [f'"{growing.name}": its splats are left out, as it is scaled to nothing along an axis']
-    assert second.notes == [] and other.name in first.objects
+    assert second.notes == [] and other.name in names
 
 
 @pytest.mark.parametrize("bodies", [False, True])

@@ -114,7 +114,7 @@ def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):
     assert not written(scene, tmp_path)[0].hide_lamps
     kinds = [value["type"] for value in described.values()]
     assert kinds.count("shapegroup") == 1 and kinds.count("instance") == 4 and len(result.files) == 2
-    assert result.names == [first.name, "copy 0", "copy 1", "copy 2"]
+    assert [of.name for of in result.objects] == [first.name, "copy 0", "copy 1", "copy 2"]
 
 
 def test_a_mesh_without_faces_is_no_shape(scene, by_command, tmp_path):
@@ -145,7 +145,7 @@ def test_text_and_metaballs_are_written_once_each_as_modifiers_leave_them(scene,
         if shape.get("type") == "ply":
             header = (tmp_path / shape["filename"]).read_bytes().split(b"end_header")[0].decode()
             number = int(name.split("_")[1])
-            faces.setdefault(result.names[number], []).append(int(header.split("element face ")[1].split()[0]))
+            faces.setdefault(result.objects[number].name, []).append(int(header.split("element face ")[1].split()[0]))
     assert not any(shape["type"] == "instance" for shape in described.values())
     (first,), (second,) = faces["first"], faces["second"]
     assert first == 3 * second and len(faces[ball]) == 1
