@@ -78,7 +78,7 @@ def clean_model(
     read = read_source(model, out, "clean")
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
     drawing = world.over(options.drawing.over(read.drawing), data)
-    dataset = load_dataset(data, options.downscale) if data else None
+    dataset = load_dataset(data, options.shrink) if data else None
     views = dataset.train if dataset else []
     wanted, taken_out = np.ones(splats.n_splats, bool), []
     masks = Masks(config.masks, views) if config.masks else None
@@ -138,7 +138,7 @@ def write_preview(out: Path, before: Model, after: Splats, data: str | Path | No
 
 
 def _quality(
-    dataset: Dataset, before: Splats, after: Splats, background_name: str, drawn: DrawnAs, masks: Masks | None
+    dataset: Dataset, before: Splats, after: Splats, background_name: str | None, drawn: DrawnAs, masks: Masks | None
 ) -> tuple[float, float] | None:
     """Mean PSNR of two models on the test views, or on all views without a split, where masks are not black."""
     background = background_color(background_name, dataset.has_alpha)

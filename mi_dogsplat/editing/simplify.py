@@ -121,7 +121,7 @@ def look_of(splats: Splats, options: PictureOptions, said: Drawing = Drawing()) 
 
     Colours are compared as the model has them, linear or not.
     """
-    background = {"black": 0.0, "white": 1.0}.get(options.background, GREY)
+    background = {"black": 0.0, "white": 1.0}.get(options.background or "auto", GREY)
     return look_from_near(splats, drawn_as(options.drawing, said), background)
 
 

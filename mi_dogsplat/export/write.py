@@ -81,7 +81,7 @@ def export_model(
     plain, seconds = list(stages.values())[-1], None
     steps = _steps(config, plain is not read.splats)
     grids = SMALL_GRIDS[chosen.name] if config.small else None
-    dataset = load_dataset(data, options.downscale) if data and (steps != 0 or config.views) else None
+    dataset = load_dataset(data, options.shrink) if data and (steps != 0 or config.views) else None
     steps = steps_for(dataset) if steps is None else steps
     if steps:
         start = time.perf_counter()

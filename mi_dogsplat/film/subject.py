@@ -78,6 +78,6 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
     drawn = drawn_as(options.drawing, said_by_run, read.drawing)
     if not views:
         drawn = replace(drawn, near_clip=near_clip_for(read.splats, drawn.near_clip, options.near_clip))
-    background = background_color(options.or_trained("background", trained), dataset is not None and dataset.has_alpha)
+    background = background_color(options.or_trained(trained).background, dataset is not None and dataset.has_alpha)
     said_up = read_world(dataset.path).up if dataset else None
     return Subject(read, [view.camera for view in views], background, drawn, missing, said_up)

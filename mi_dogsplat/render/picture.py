@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from ..datasets.dataset import View
 
 
-def background_color(background: str, has_alpha: bool) -> float:
-    """Grey level behind the splats, 0 or 1, for ``PictureOptions.background``; ``random`` measures as ``auto``."""
-    return {"black": 0.0, "white": 1.0}.get(background, 1.0 if has_alpha else 0.0)
+def background_color(background: str | None, has_alpha: bool) -> float:
+    """Grey level behind the splats, 0 or 1, for ``PictureOptions.background``; None and ``random`` are as ``auto``."""
+    return {"black": 0.0, "white": 1.0}.get(background or "auto", 1.0 if has_alpha else 0.0)
 
 
 @dataclass(frozen=True)

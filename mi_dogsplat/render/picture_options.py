@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from ..scene.drawing import Drawing
@@ -12,25 +12,30 @@ from ..support.settings import Setting, check_settings
 BACKGROUNDS = ("black", "white", "auto", "random")
 BEHIND = "black, white, auto: white for images with alpha, else black"
 
-Downscale = Annotated[int, Setting("shrink the images by this whole factor, once, at load", least=1)]
+SHRINK = "shrink the images by this whole factor, once, at load"
+Downscale = Annotated[int, Setting(SHRINK, least=1)]
 Background = Annotated[str, Setting(f"{BEHIND}; random: another each step", choices=BACKGROUNDS)]
 MIP = "compensate opacities for the screen-space low-pass filter"
 NEAR = "primitives nearer to the camera plane are dropped, world units"
 Antialiased = Annotated[bool, Setting(MIP)]
 FILE = "(default: as the file says)"
+OR_TRAINED = "or as the run was trained)"
 
 
 @dataclass(frozen=True)
 class PictureOptions:
     """What all pictures of a model have in common; a background of ``random`` is that of ``auto`` outside of training.
 
-    None is for what the file of the model says, and for what is usual where it says nothing (``drawn_as``).
+    None is for what the file of the model, or its run, says, and for what is usual where it says nothing (``drawn_as``;
+    a downscale of 1, a background of ``auto``).
 
     Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed.
     """
 
-    downscale: Downscale = 1
-    background: Annotated[str, Setting(f"{BEHIND}; random is for training: as auto here", choices=BACKGROUNDS)] = "auto"
+    downscale: Annotated[int | None, Setting(f"{SHRINK} (default: 1, {OR_TRAINED}", least=1)] = None
+    background: Annotated[
+        str | None, Setting(f"{BEHIND}; random: as auto (default: auto, {OR_TRAINED}", choices=BACKGROUNDS)
+    ] = None
     antialiased: Annotated[bool | None, Setting(f"{MIP} {FILE}")] = None
     near_clip: Annotated[float | None, Setting(f"{NEAR} {FILE}", least=0, most=1e30)] = None
     linear: Annotated[bool | None, Setting(f"its colours are linear radiance, not sRGB {FILE}")] = None
@@ -45,7 +50,12 @@ class PictureOptions:
         """What these options say."""
         return Drawing(self.antialiased, self.near_clip, self.linear, white=self.white)
 
-    def or_trained(self, name: str, trained: Mapping[str, Any]) -> Any:
-        """What these options say of ``name`` or, where that is the default, what a run was ``trained`` with."""
-        said, default = getattr(self, name), getattr(PictureOptions, name)
-        return said if said != default else trained.get(name, default)
+    @property
+    def shrink(self) -> int:
+        """The factor of images."""
+        return self.downscale or 1
+
+    def or_trained(self, trained: Mapping[str, Any]) -> PictureOptions:
+        """With the downscale and background of a run that was ``trained`` with these settings, where none is said."""
+        said = {name: getattr(self, name) for name in ("downscale", "background")}
+        return replace(self, **{name: trained.get(name) if value is None else value for name, value in said.items()})

@@ -50,7 +50,7 @@ def viewpoint(
 
     Raises ``DataError``.
     """
-    found, has_alpha, name = _camera(splats, data, camera, options.downscale, drawing.up)
+    found, has_alpha, name = _camera(splats, data, camera, options.shrink, drawing.up)
     drawn = drawn_as(options.drawing, drawing)
     near_clip = drawn.near_clip
     if not (camera or data):

@@ -47,7 +47,7 @@ def evaluate_model(
     LPIPS is measured where its weights are installed. Needs a Mitsuba variant. Raises ``DataError``.
     """
     read = read_model(model)
-    dataset = load_dataset(data, options.downscale, on_disk=data_on_disk)
+    dataset = load_dataset(data, options.shrink, on_disk=data_on_disk)
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing).beside(dataset.white)
     background = background_color(options.background, dataset.has_alpha)
     folder = Path(out) if out else None

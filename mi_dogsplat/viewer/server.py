@@ -240,7 +240,7 @@ def serve(
     source = Source(Path(model))
     dataset = _dataset(data, source, options)
     has_alpha = dataset is not None and dataset.has_alpha
-    background = background_color(options.or_trained("background", source.config), has_alpha)
+    background = background_color(options.or_trained(source.config).background, has_alpha)
     server = Server(source, dataset, background, options, host, port)
     show(f"{server.url} shows {model}; Ctrl-C ends it")
     try:
@@ -267,8 +267,8 @@ def _dataset(data: str | Path | None, source: Source, options: PictureOptions) -
     from ..datasets import load_dataset
 
     if data:
-        return load_dataset(data, options.downscale)
+        return load_dataset(data, options.shrink)
     if not source.data:
         return None
     split, on_disk = source.config.get("split", "test"), source.config.get("data_on_disk", False)
-    return load_dataset(source.data, options.or_trained("downscale", source.config), on_disk=on_disk, split=split)
+    return load_dataset(source.data, options.or_trained(source.config).shrink, on_disk=on_disk, split=split)
