@@ -83,10 +83,10 @@ def find_poses(
     if config.frames is not None and not is_video(source):
         refuse("frames", f"is for videos, and {source} is a folder of images", "leave it out")
     pycolmap = pycolmap_module(config.gpu)
-    sources = {} if is_video(source) else find_photographs(source, out)
+    masks = mask_folder(source, config.masks)
+    sources = {} if is_video(source) else find_photographs(source, out, masks)
     if not sources:
         require_av()
-    masks = mask_folder(source, config.masks)
     top = out / "distorted" if config.undistort else out
     free = FREE if _model_folder(top).is_dir() else (*FREE, "scale")  # it is measured in the model, once there is one
     settings = _settings(source, list(sources.values()) or [source], config)
