@@ -167,6 +167,11 @@ def test_other_settings_and_other_images_are_not_mixed_with_the_earlier(source, 
     (fewer / "view 0.jpg").unlink()
     with pytest.raises(DataError, match="the file of the source has changed"):
         find_poses(fewer, out, PosesConfig())
+    painted = shutil.copytree(source, tmp_path / "painted")
+    (painted / "masks").mkdir(exist_ok=True)
+    shutil.copy(next(painted.glob("*.*g")), painted / "masks" / "view 0.png")
+    with pytest.raises(DataError, match="the file of the masks has changed"):
+        find_poses(painted, out, PosesConfig())
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.tex").write_text("")
     with pytest.raises(DataError, match="other contents"):
