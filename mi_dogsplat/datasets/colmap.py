@@ -44,12 +44,13 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     model = find_model(path)
     if model is None:
         raise DataError(path, "no COLMAP model here", "give the folder that holds sparse/0")
-    sources, images = read_sources(model, image_folder(path, model))
+    folder = image_folder(path, model)
+    sources, images = read_sources(model, folder)
     points = read_model_points(model)
     train, test = held_out(*every_eighth([source.name for source in sources]), split)
     read = [source.name in {*train, *test} for source in sources]
     sources, images = list(compress(sources, read)), list(compress(images, read))
-    smaller = image_folder(path, model).with_name(f"images_{downscale}")
+    smaller = folder.with_name(f"images_{downscale}")
     relocated = [replace(s, image_path=smaller / i.name) for s, i in zip(sources, images, strict=True)]
     prescaled = downscale > 1 and all(is_file(source.image_path) for source in relocated)
     if not prescaled:
@@ -57,7 +58,7 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     views, has_alpha = load_views(relocated if prescaled else sources, downscale, prescaled, on_disk)
     observations = _observations(model, sources, images, views, points)
     train, test = views_named(views, train), views_named(views, test)
-    dataset = Dataset(path, train, test, points.positions, points.colors, has_alpha, observations)
+    dataset = Dataset(folder.parent, train, test, points.positions, points.colors, has_alpha, observations)
     require_plausible(
         dataset, "COLMAP's images file holds world-to-camera poses (quaternion w x y z, then translation)"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -214,6 +215,12 @@ def view_name(file: str) -> str:
     if len(parts) > 1 and parts[0].split("_")[0] == "images":
         parts = parts[1:]
     return "_".join(parts)
+
+
+def counted_order(name: str) -> tuple[list[str | int], str]:
+    """A key that sorts names as one counts: 9 before 10."""
+    parts = re.split(r"([0-9]+)", name)  # every other one is a number
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)], name
 
 
 def require_unique_names(path: Path, names: Sequence[str]) -> None:

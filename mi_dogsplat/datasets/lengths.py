@@ -91,7 +91,7 @@ def _place(told: str, standpoints: Mapping[str, Standpoint]) -> np.ndarray:
 
 def _named(name: str, standpoints: Mapping[str, Standpoint]) -> Standpoint | None:
     plain = view_name(name)
-    spelt = (name, plain, re.sub(r"\s", "_", plain))  # the last as structure from motion has taken it over
+    spelt = (name, plain, re.sub(r"^#|\s", "_", plain))  # the last as structure from motion has taken it over
     return next((standpoints[word] for word in spelt if word in standpoints), None)
 
 

@@ -30,6 +30,7 @@ MASK = "mask_path"  # nerfstudio's, of a frame
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".exr")
 LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
+OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular")  # of instant-ngp, each told by a key of its own
 UNDISTORT = "undistort the images first (for instance with COLMAP's image_undistorter)"
 CONVENTION = (
     "transform_matrix is camera-to-world with x right, y up, z backward (OpenGL), "
@@ -55,8 +56,9 @@ def find_transforms(path: Path) -> Path | None:
 def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: str = "test") -> Dataset:
     """Read the data set of a ``transforms*.json``. Raises ``DataError``.
 
-    The split is that of the ``_train`` and ``_test`` files, or of ``test_filenames`` in the file; else every
-    8th image by sorted name is test; see ``held_out`` for ``split``.
+    The split is that of the ``_train`` and ``_test`` files, or of ``test_filenames`` in the file, or, where that names
+    nothing, of its ``val_filenames``; else every 8th image by sorted name is test. Where there are ``train_filenames``,
+    no other image is trained on. See ``held_out`` for ``split``.
     """
     content = _parse(file)
     sources, train, test = split_sources(file, content)
@@ -82,7 +84,9 @@ def split_sources(
     content = _parse(file) if content is None else content
     sources = _sources(file, content)
     test_file = file.with_name("transforms_test.json")
-    test_names = _named_for_testing(file, content, sources)
+    train_names = _named_in(file, content, sources, "train_filenames")
+    test_key = "test_filenames" if content.get("test_filenames") else "val_filenames"
+    test_names = _named_in(file, content, sources, test_key)
     if file.stem == "transforms_train" and test_file.is_file():
         test_sources = _sources(test_file, _parse(test_file))
         test_names = {source.name for source in test_sources}
@@ -90,12 +94,16 @@ def split_sources(
     else:
         sources.sort(key=lambda source: source.image_path)
     require_unique_names(file, [source.name for source in sources])
+    if train_names:
+        if train_names.isdisjoint(source.name for source in sources):
+            raise DataError(file, '"train_filenames" names none of its images', "correct it, or remove it")
+        sources = [source for source in sources if source.name in train_names | test_names]
     names = [source.name for source in sources]
     if test_names:
         train = [name for name in names if name not in test_names]
         test = [name for name in names if name in test_names]
         if not test:
-            raise DataError(file, '"test_filenames" names none of its images', "correct it, or remove it")
+            raise DataError(file, f'"{test_key}" names none of its images', "correct it, or remove it")
     else:
         train, test = every_eighth(names)
     return sources, train, test
@@ -155,11 +163,12 @@ def _image_path(folder: Path, name: str) -> Path:
     return next((candidate for candidate in candidates if is_file(candidate)), path)
 
 
-def _named_for_testing(file: Path, content: dict[str, Any], sources: list[ViewSource]) -> set[str]:
-    """What ``test_filenames`` names, as views where it finds some: by ``file_path``, or another path to the image."""
-    named = content.get("test_filenames", [])
+def _named_in(file: Path, content: dict[str, Any], sources: list[ViewSource], key: str) -> set[str]:
+    """What ``test_filenames`` or another such list names, as views where it finds some: by ``file_path``, or another
+    path to the image."""
+    named = content.get(key, [])
     if not isinstance(named, list):
-        raise DataError(file, '"test_filenames" is no list', "make it a list of image names, or remove it")
+        raise DataError(file, f'"{key}" is no list', "make it a list of image names, or remove it")
     called = {view_name(str(f["file_path"])): s.name for f, s in zip(content["frames"], sources, strict=True)}
     places = {source.image_path.resolve(): source.name for source in sources} if named else {}
     found: set[str] = set()
@@ -188,7 +197,8 @@ def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
 
 def _lens(file: Path, frame: dict[str, Any]) -> Lens:
     """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them."""
-    model = frame.get("camera_model", "PINHOLE")
+    model = next((key for key in OTHER_LENSES if frame.get(key, False) is not False), None)
+    model = model or frame.get("camera_model", "PINHOLE")
     fisheye = bool(frame.get("is_fisheye")) or model in FISHEYES
     k, p = ([float(frame.get(f"{letter}{i}", 0)) for i in range(1, n)] for letter, n in (("k", 7), ("p", 3)))
     known = model in LENSES + FISHEYES or (model == "FULL_OPENCV" and not any(k + p))
@@ -211,7 +221,7 @@ def _focal(frame: dict[str, Any], pixels_key: str, angle_key: str, size: int) ->
 def _points(file: Path, content: dict[str, Any], sources: list[ViewSource]) -> tuple[np.ndarray, np.ndarray]:
     """Points [P, 3] and colours [P, 3] in the frame of the poses; see the module docstring for where from."""
     if content.get("ply_file_path"):
-        return read_point_ply(file.parent / str(content["ply_file_path"]))
+        return read_point_ply(file.parent / str(content["ply_file_path"]).replace("\\", "/"))
     model = find_model(file.parent)
     if model is None:
         return no_points()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..datasets import load_dataset
+from ..datasets.dataset import counted_order
 from ..datasets.world import read_world
 from ..formats.model import Model
 from ..formats.read import read_model
@@ -45,12 +45,6 @@ class Subject:
         if self.cameras:
             return up_of_cameras(np.stack([camera.c2w for camera in self.cameras]))
         return likely_up(self.model.splats)
-
-
-def counted_order(name: str) -> tuple[list[str | int], str]:
-    """A key that sorts names as one counts: 9 before 10."""
-    parts = re.split(r"([0-9]+)", name)  # every other one is a number
-    return [int(part) if k % 2 else part for k, part in enumerate(parts)], name
 
 
 def read_subject(model: Path, data: str | Path | None, options: PictureOptions) -> Subject:

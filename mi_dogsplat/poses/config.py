@@ -10,7 +10,7 @@ from ..support.settings import Setting, check_settings
 
 SETTINGS = "poses.json"
 LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")  # lens.py reads them all
-FREE = ("gpu", "source")  # may change from one start to the next
+FREE = ("gpu", "source", "masks")  # may change from one start to the next; digests tell what lies there
 LENS = "lens of each camera, a model of COLMAP's: " + ", ".join(LENSES)
 FRAMES = "frames to take of a video (default: as many as its motion asks for, at most 300)"
 MASKS = "folder of masks, named as the images: nothing black is matched (default: INPUT/masks where there is one)"

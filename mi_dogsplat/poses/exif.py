@@ -13,7 +13,10 @@ from .gravity import down_of
 
 DIAGONAL_35MM = math.hypot(36, 24)  # mm; CIPA DC-008 compares fields of view by the diagonal
 SAME_SHAPE = 0.02  # relative difference of the ratios of two sizes that are of one picture
-DEVICE = (ExifTags.Base.Make, ExifTags.Base.Model, ExifTags.Base.LensModel, ExifTags.Base.FocalLength)
+DEVICE = (
+    ExifTags.Base.Make, ExifTags.Base.Model, ExifTags.Base.LensModel, ExifTags.Base.FocalLength,
+    ExifTags.Base.FocalLengthIn35mmFilm, ExifTags.Base.DigitalZoomRatio,  # a phone zooms by cutting out, at one size
+)  # fmt: skip
 QUARTER_TURNS = tuple(TURNS[value] for value in (5, 6, 7, 8))  # which exchange width and height
 MM_PER_UNIT = {2: 25.4, 3: 10.0}  # FocalPlaneResolutionUnit: inch, centimetre
 

@@ -13,6 +13,7 @@ from .config import PosesConfig
 from .photographs import Photograph
 
 GUESSED_FOCAL = 1.2  # longest sides, where nothing is known: COLMAP's
+FISHEYE_FOCAL = 0.5  # the same of a fisheye: 115 degrees along the longer side, as action cameras have about
 BATCH = 4  # images per core between two reports
 
 
@@ -77,8 +78,11 @@ def _cameras(pycolmap: Any, database: Path, photographs: Sequence[Photograph], l
             if content.exists_camera(ids[name]):
                 continue
             first = members[0]
-            focal = first.focal or GUESSED_FOCAL * max(first.width, first.height)
+            fisheye = "FISHEYE" in lens
+            guess = (FISHEYE_FOCAL if fisheye else GUESSED_FOCAL) * max(first.width, first.height)
+            focal = first.focal or guess
             camera = pycolmap.Camera.create_from_model_name(ids[name], lens, focal, first.width, first.height)
-            camera.has_prior_focal_length = first.focal is not None
+            # COLMAP drops all pairs of fisheyes without a prior, as no fundamental matrix tells their focal length
+            camera.has_prior_focal_length = fisheye or first.focal is not None
             content.write_camera(camera, use_camera_id=True)
     return ids

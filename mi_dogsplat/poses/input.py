@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
 from pathlib import Path
 
 from ..datasets.colmap import find_model
@@ -34,16 +35,17 @@ def needs_poses(path: str | Path) -> bool:
     return _is_result(path) or bool(_files(path, (*SUFFIXES, *PHONES, *RAW)))  # of a result ``require_input`` tells
 
 
-def find_photographs(folder: Path, out: Path) -> dict[str, Path]:
+def find_photographs(folder: Path, out: Path, masks: Path | None = None) -> dict[str, Path]:
     """Images of a folder and of those below it, by their names in there, sorted.
 
-    Left out: what lies in ``out``, in results of other commands (``_made_here``), in folders called ``masks``, in
-    hidden ones; and all but ``images`` where there is such a folder, as others beside it hold smaller copies. Raises
-    ``DataError`` where there are fewer than two, and for images that cannot be read here: leaving out a part of a
-    capture would not be noticed.
+    Left out: what lies in ``out``, in results of other commands (``_made_here``), in ``masks`` and in folders of
+    that name, in hidden ones; and all but ``images`` where there is such a folder, as others beside it hold smaller
+    copies. Raises ``DataError`` where there are fewer than two, and for images that cannot be read here: leaving
+    out a part of a capture would not be noticed.
     """
     top = folder / "images" if (folder / "images").is_dir() else folder
-    others, found = (_files(top, suffixes, out.resolve()) for suffixes in ((*PHONES, *RAW), SUFFIXES))
+    without = {path.resolve() for path in (out, masks) if path is not None}
+    others, found = (_files(top, suffixes, without) for suffixes in ((*PHONES, *RAW), SUFFIXES))
     stems = {path.with_suffix("") for path in found}  # a camera may write both
     if unread := [path for path in others if path.with_suffix("") not in stems]:
         kind = "raw" if unread[0].suffix.lower() in RAW else unread[0].suffix[1:].upper()
@@ -86,13 +88,13 @@ def require_input(path: Path) -> None:
         raise DataError(path, f"is {one}", f"give a folder of images, or a video ({', '.join(VIDEOS[:5])})")
 
 
-def _files(top: Path, suffixes: tuple[str, ...], out: Path | None = None) -> list[Path]:
-    """Files with one of the suffixes, of whatever case, sorted; none of ``masks``, of hidden folders, of folders that
-    were made here, nor of ``out``, a path without links."""
+def _files(top: Path, suffixes: tuple[str, ...], without: Collection[Path] = ()) -> list[Path]:
+    """Files with one of the suffixes, of whatever case, sorted; none of folders called ``masks``, of hidden ones, of
+    folders that were made here, nor of those ``without``, paths without links."""
     found = []
     for folder, names, files in os.walk(top):
         names[:] = [name for name in names if name != "masks" and name[0] != "."]
-        if Path(folder).resolve() == out or (Path(folder) != top and _made_here(files)):
+        if Path(folder) != top and (Path(folder).resolve() in without or _made_here(files)):
             names.clear()
             continue
         found += [Path(folder, file) for file in files if Path(file).suffix.lower() in suffixes and file[0] != "."]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..datasets.dataset import counted_order
 from ..support.cores import usable_cores
 from ..support.files import read_json, replacing, write_json
 from .colmap_database import PAIR_BYTES, opened, require_room
@@ -52,7 +53,7 @@ def match(
     Raises ``DataError`` for a disk that is full.
     """
     with opened(pycolmap, database) as content:
-        images = sorted(content.read_all_images(), key=lambda image: image.name)
+        images = sorted(content.read_all_images(), key=lambda image: counted_order(image.name))
         pairs = _pairs(content, images, video, config.seed)
     names, batch, counter = [image.name for image in images], BATCH * usable_cores(), database.with_name(DONE)
     done = int(read_json(counter, "remove the file")) if counter.is_file() else 0  # of pairs, which have their order

@@ -47,8 +47,8 @@ def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, 
     """Write each image into ``folder``, turned as its EXIF says, unless it is there; in the order of the names.
 
     Files are copied as they are, but what has to be turned, or is no plain JPEG or PNG. White space in their names
-    becomes ``_``, as COLMAP's text files have it between names, and so do bytes that are no UTF-8. Raises ``DataError``
-    for a file that cannot be decoded.
+    becomes ``_``, as COLMAP's text files have it between names, and so do a ``#`` that begins a name, as it begins
+    comments there, and bytes that are no UTF-8. Raises ``DataError`` for a file that cannot be decoded.
     """
     require_unique_names(folder, [view_name(_solid(name)) for name in sources])
     made: list[Photograph] = []
@@ -92,7 +92,7 @@ def _readable(source: Path) -> Iterator[Image.Image]:
 
 
 def _solid(name: str) -> str:
-    return re.sub(r"[\s\ud800-\udfff]", "_", name)  # bytes of a name that are no UTF-8 are halves of characters
+    return re.sub(r"^#|[\s\ud800-\udfff]", "_", name)  # bytes of a name that are no UTF-8 are halves of characters
 
 
 def _upright(image: Image.Image, source: Path, turn: Image.Transpose | None) -> Image.Image:

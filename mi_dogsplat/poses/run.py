@@ -13,7 +13,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ..datasets.masks import mask_files
 from ..datasets.world import write_world
 from ..support.errors import DataError
 from ..support.files import read_json, remove_parts, write_json
@@ -83,15 +84,15 @@ def find_poses(
     if config.frames is not None and not is_video(source):
         refuse("frames", f"is for videos, and {source} is a folder of images", "leave it out")
     pycolmap = pycolmap_module(config.gpu)
-    sources = {} if is_video(source) else find_photographs(source, out)
+    masks = mask_folder(source, config.masks)
+    sources = {} if is_video(source) else find_photographs(source, out, masks)
     if not sources:
         require_av()
-    masks = mask_folder(source, config.masks)
     top = out / "distorted" if config.undistort else out
     free = FREE if _model_folder(top).is_dir() else (*FREE, "scale")  # it is measured in the model, once there is one
-    settings = _settings(source, list(sources.values()) or [source], config)
+    settings = _settings(source, sources or {source.name: source}, masks, config)
     if not (out / DATABASE).is_file():  # nothing is known of the images yet: one that cannot be read may be left out
-        free = (*free, "source_sha256")
+        free = (*free, "source_sha256", "masks_sha256")
     begin(out / SETTINGS, settings, "search for poses", free)
     with locked(out, "another process is looking for poses in it"):
         remove_parts(out)
@@ -99,7 +100,7 @@ def find_poses(
             (out / DATABASE).parent.mkdir(exist_ok=True)
             stages = Stages(out / SECONDS, progress)
             if not _model_folder(top).is_dir():
-                _forget_copies_of_others(out, top, settings["source_sha256"])
+                _forget_copies_of_others(out, top, [settings["source_sha256"], settings["masks_sha256"]])
                 _reconstruct(pycolmap, source, sources, masks, out, top, config, stages)
             if config.undistort:
                 _undistort(pycolmap, top, out, stages)
@@ -115,16 +116,21 @@ def _model_folder(top: Path) -> Path:
     return top / "sparse" / "0"
 
 
-def _settings(source: Path, files: list[Path], config: PosesConfig) -> dict[str, Any]:
-    """What decides on the poses: the flags, and the files by their names and sizes."""
-    listed = json.dumps([[file.name, file.stat().st_size] for file in files]).encode()
-    digest = hashlib.sha256(listed).hexdigest()
-    settings = {"source": str(source), "source_sha256": digest, **dataclasses.asdict(config)}
+def _settings(source: Path, files: Mapping[str, Path], masks: Path | None, config: PosesConfig) -> dict[str, Any]:
+    """What decides on the poses: the flags, and the images and masks by their names and sizes."""
+    digest = {"source_sha256": _digest(files), "masks_sha256": _digest(mask_files(masks)) if masks else None}
+    settings = {"source": str(source), **digest, **dataclasses.asdict(config)}
     return json.loads(json.dumps(settings))  # as they are read again
 
 
-def _forget_copies_of_others(out: Path, top: Path, source: str) -> None:
-    """Before there is a database: remove what was copied, or chosen of a video, unless it is of this ``source``."""
+def _digest(files: Mapping[str, Path]) -> str:
+    listed = json.dumps([[file.name, file.stat().st_size] for file in files.values()]).encode()
+    return hashlib.sha256(listed).hexdigest()
+
+
+def _forget_copies_of_others(out: Path, top: Path, source: list[str | None]) -> None:
+    """Before there is a database: remove what was copied, or chosen of a video, unless it is of this ``source``, which
+    are the digests of images and masks."""
     copied = out / COPIED
     if (out / DATABASE).is_file() or (copied.is_file() and read_json(copied, "remove the file") == source):
         return

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from dataset_folders import HEIGHT, N_VIEWS, WIDTH, colmap_folder, error_of, write_images
 from mi_dogsplat.datasets import check_cameras, load_dataset
+from mi_dogsplat.datasets.world import World, world_of, write_world
 from PIL import Image
 
 
@@ -34,7 +35,10 @@ def test_text_files_of_windows_are_read(tmp_path):
 
 def test_the_model_folder_itself_finds_the_images_above_it(tmp_path):
     colmap_folder(tmp_path)
-    assert len(load_dataset(tmp_path / "sparse" / "0").views) == N_VIEWS
+    write_world(tmp_path, World("z", 0.25))  # beside the images, and found there too
+    dataset = load_dataset(tmp_path / "sparse" / "0")
+    assert len(dataset.views) == N_VIEWS
+    assert world_of(dataset, [view.camera for view in dataset.views]) == World("z", 0.25)
 
 
 def test_downscaling_averages_blocks_and_moves_cameras_and_observations_along(tmp_path):

@@ -46,6 +46,23 @@ def test_the_split_is_taken_from_the_train_and_test_files_or_from_test_filenames
     assert [view.name for view in dataset.test] == ["r_1"]
 
 
+@pytest.mark.parametrize("tests", [{}, {"test_filenames": []}, {"test_filenames": ["images/r_4.png"]}])
+def test_no_image_is_trained_on_that_the_train_filenames_leave_out(tmp_path, tests):
+    """As nerfstudio has it; where no test images are named, those of ``val_filenames`` are measured."""
+    named = {"train_filenames": ["images/r_0.png", "images/r_1.png"], "val_filenames": ["images/r_2.png"], **tests}
+    dataset = load_dataset(transforms_folder(tmp_path, n=5, **named))
+    assert [view.name for view in dataset.train] == ["r_0", "r_1"]
+    assert [view.name for view in dataset.test] == (["r_4"] if tests.get("test_filenames") else ["r_2"])
+
+
+def test_train_filenames_alone_are_split_and_one_line_where_they_name_no_image(tmp_path):
+    named = [f"images/r_{i}.png" for i in range(1, 11)]
+    dataset = load_dataset(transforms_folder(tmp_path, n=12, train_filenames=named))
+    assert sorted(view.name for view in dataset.test) == ["r_1", "r_8"] and len(dataset.train) == 8
+    problem = '"train_filenames" names none of its images'
+    assert problem in error_of(transforms_folder(tmp_path, train_filenames=["images/s_1.png"]))
+
+
 @pytest.mark.parametrize("absolute", ["file_path", "test_filenames"])
 def test_a_test_image_is_found_by_any_path_to_it(tmp_path, absolute):
     """As nerfstudio finds it: paths are relative to the folder, or absolute."""
@@ -92,6 +109,11 @@ def test_points_come_from_the_named_ply_and_wrong_poses_are_caught_by_them(tmp_p
     dataset = load_dataset(transforms_folder(tmp_path, ply_file_path="cloud.ply"))
     np.testing.assert_allclose(dataset.points[0], (0.1, 0, -3))
     np.testing.assert_allclose(dataset.point_colors[0], (1, 0, 0.2))
+    (tmp_path / "sparse").mkdir()
+    (tmp_path / "sparse" / "cloud.ply").write_text(header + "0.1 0 -3 255 0 51\n0 0.1 -3 0 0 0\n")
+    of_windows = load_dataset(transforms_folder(tmp_path, ply_file_path="sparse\\cloud.ply"))
+    np.testing.assert_array_equal(of_windows.points, dataset.points)
+    transforms_folder(tmp_path, ply_file_path="cloud.ply")
     (tmp_path / "cloud.ply").write_text(header + "0.1 0 3 255 0 51\n0 0.1 3 0 0 0\n")
     assert "x right, y up, z backward (OpenGL)" in error_of(tmp_path)
     (tmp_path / "cloud.ply").unlink()
@@ -104,6 +126,9 @@ def test_points_come_from_the_named_ply_and_wrong_poses_are_caught_by_them(tmp_p
         ({"k5": 0.1}, "k1 to k6"),
         ({"camera_model": "FULL_OPENCV", "k1": 0.1}, "FULL_OPENCV"),
         ({"camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
+        ({"ftheta_p0": 0.0, "ftheta_p1": 0.001}, "a lens ftheta_p0"),
+        ({"latlong": True}, "a lens latlong"),
+        ({"equirectangular": True}, "a lens equirectangular"),
         ({"k1": -20.0, "cx": 40.0}, "leaves no pinhole image"),
         ({"frames": []}, "no cameras"),
         ({"frames": [{"file_path": "images/r_0.png"}]}, "lacks"),

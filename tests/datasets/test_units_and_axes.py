@@ -107,6 +107,8 @@ def test_the_file_comes_before_the_cameras(data, tmp_path):
 def test_images_are_named_as_they_were_before_poses_took_the_spaces_out_of_their_names():
     at = {f"IMG_{k}.png": Standpoint(np.array([0.0, k, 0]), lambda _: np.array([0.0, 0, 1])) for k in (1, 4)}
     assert length_in_units(("IMG 1.jpg", "IMG_4.png"), at) == length_in_units(("IMG 1", "IMG 4.tif"), at) == 3
+    at["_7.png"] = at["IMG_1.png"]  # nor may a name begin with #
+    assert length_in_units(("#7.png", "IMG 4"), at) == length_in_units(("#7", "IMG 4"), at) == 3
     with pytest.raises(DataError, match='no image "IMG 2.jpg" has a pose'):
         length_in_units(("IMG 1.jpg", "IMG 2.jpg"), at)
 

@@ -26,6 +26,15 @@ def test_images_are_found_below_a_folder_but_not_masks_copies_hidden_files_and_r
     assert list(find_photographs(tmp_path, tmp_path / "out")) == ["c.png", "d.png"]
 
 
+def test_masks_within_the_folder_are_no_photographs_whatever_their_folder_is_called(tmp_path):
+    touch(tmp_path, "1.jpg", "2.jpg", "left/3.jpg", "left/black/1.png", "left/black/left/3.png")
+    found = ["1.jpg", "2.jpg", "left/3.jpg"]
+    assert list(find_photographs(tmp_path, tmp_path / "out", mask_folder(tmp_path, f"{tmp_path}/left/black"))) == found
+    (tmp_path / "in" / "images").mkdir(parents=True)
+    touch(tmp_path / "in", "images/1.jpg", "images/2.jpg")
+    assert list(find_photographs(tmp_path / "in", tmp_path / "out", tmp_path / "in")) == ["1.jpg", "2.jpg"]
+
+
 def test_results_of_other_starts_within_the_folder_are_no_photographs(tmp_path):
     touch(tmp_path, "1.jpg", "2.jpg", f"run/{HISTORY}", f"run/{CONFIG}", "run/test/1.png", "run/posed/poses.json")
     touch(tmp_path, "run/posed/images/1.jpg", "posed/poses.json", "posed/images/1.jpg", "frames/film.json")

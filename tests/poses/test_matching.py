@@ -1,10 +1,15 @@
 """Which pairs of images are matched, and what the matches say about a capture."""
 
+from contextlib import nullcontext
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from mi_dogsplat.poses import matching
 from mi_dogsplat.poses.advice import Outcome, advice_on_capture, advice_on_model, hopeless
+from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.evidence import CARRIED, Evidence, translation_shares
-from mi_dogsplat.poses.matching import ALIKE, BESIDE, LOOPS, WINDOW, pairs_of_many, pairs_of_video
+from mi_dogsplat.poses.matching import ALIKE, BESIDE, EXHAUSTIVE, LOOPS, WINDOW, pairs_of_many, pairs_of_video
 from mi_dogsplat.poses.retrieval import nearest, similarities
 
 SIZE = 640, 480
@@ -53,6 +58,22 @@ def test_many_photographs_are_matched_with_those_that_look_alike():
     pairs = set(pairs_of_many(similarity))
     assert {(i, i + BESIDE) for i in range(n - BESIDE)} <= pairs
     assert nearest(similarity, ALIKE) <= pairs and len(pairs) < n * (ALIKE + BESIDE)
+
+
+def test_photographs_are_beside_each_other_as_one_counts(tmp_path, monkeypatch):
+    images = [SimpleNamespace(name=f"{k}.jpg", image_id=k) for k in range(EXHAUSTIVE + 10)]
+    nothing = SimpleNamespace(data=np.zeros((0, 128), np.uint8))
+    content = SimpleNamespace(read_all_images=lambda: images, read_descriptors=lambda number: nothing)
+    matched = set()
+
+    def note(pycolmap, database, names, pairs, *options):
+        matched.update((names[i], names[j]) for i, j in pairs)
+
+    monkeypatch.setattr(matching, "opened", lambda *_: nullcontext(content))
+    monkeypatch.setattr(matching, "nearest", lambda *_: set())
+    monkeypatch.setattr(matching, "_match_pairs", note)
+    matching.match(pytest.importorskip("pycolmap"), tmp_path / "a.db", False, PosesConfig(), lambda done, n: None)
+    assert {(f"{k}.jpg", f"{k + 1}.jpg") for k in range(len(images) - 1)} <= matched
 
 
 def homography(rotation: np.ndarray, t_over_d: np.ndarray, normal: np.ndarray, focal: float) -> np.ndarray:

@@ -13,6 +13,7 @@ from PIL import Image
 WIDTH, HEIGHT = 60, 40
 ORIENTATION, MAKE, MODEL, EXIF = 0x0112, 0x010F, 0x0110, 0x8769
 FOCAL, FOCAL_35MM, TAKEN_WIDTH, TAKEN_HEIGHT, DENSITY, UNIT = 0x920A, 0xA405, 0xA002, 0xA003, 0xA20E, 0xA210
+DIGITAL_ZOOM = 0xA404
 # what undoes each value of the tag, by the definition of EXIF 2.32: where row 0 and column 0 of the file are shown
 SHOWN = {
     1: lambda p: p, 2: lambda p: p[:, ::-1], 3: lambda p: p[::-1, ::-1], 4: lambda p: p[::-1],
@@ -72,6 +73,17 @@ def test_bytes_of_a_name_that_are_no_utf_8_become_underscores(tmp_path):
     Image.fromarray(pixels()).save(tmp_path / "in" / os.fsdecode(b"caf\xe9.png"))  # as Windows of old has it
     assert [p.name for p in prepared(tmp_path / "in", tmp_path / "out")] == ["caf_.png"]
     assert (tmp_path / "out" / "caf_.png").is_file()
+
+
+def test_no_name_begins_a_comment_of_colmaps_text_files(tmp_path):
+    """Pairs to match are lines of names there, and a line that begins with ``#`` is passed over."""
+    for folder, name in (("in", "#1/a#1.png"), ("in", "#2.png"), ("masks", "#2.png")):
+        (tmp_path / folder / name).parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(pixels()).save(tmp_path / folder / name)
+    made = prepared(tmp_path / "in", tmp_path / "out")
+    assert [p.name for p in made] == ["_1/a#1.png", "_2.png"]
+    assert prepare_masks(tmp_path / "masks", made, tmp_path / "made") == 1
+    assert (tmp_path / "made" / "_2.png.png").is_file()
 
 
 def test_a_jpeg_with_a_preview_behind_it_stays_a_jpeg(tmp_path):
@@ -155,6 +167,18 @@ def test_devices_differ_by_make_model_and_focal_length():
     cases = ((4.0, "A"), (9.0, "A"), (4.0, "B"))
     names = [exif_of({FOCAL: mm}, tags={MAKE: "Acme\0", MODEL: model}).device for mm, model in cases]
     assert len(set(names)) == 3 and names[0] == "Acme A 4.0"
+
+
+@pytest.mark.parametrize("zoomed", [{FOCAL_35MM: 52}, {FOCAL_35MM: 26, DIGITAL_ZOOM: 2.0}])
+def test_a_picture_that_a_phone_has_cut_out_and_enlarged_has_a_camera_of_its_own(tmp_path, zoomed):
+    """Digital zoom: the lens stays, and so does the size of the picture."""
+    (tmp_path / "in").mkdir()
+    for name, inner in (("a", {FOCAL_35MM: 26}), ("b", zoomed), ("c", {FOCAL_35MM: 26})):
+        exif = Image.Exif()
+        exif.get_ifd(EXIF).update({FOCAL: 4.25, **inner})
+        Image.fromarray(pixels()).save(tmp_path / "in" / f"{name}.jpg", exif=exif)
+    a, b, c = (photograph.camera for photograph in prepared(tmp_path / "in", tmp_path / "out"))
+    assert a == c != b
 
 
 def test_a_mask_painted_on_the_pixels_of_the_file_is_turned_along(tmp_path):

@@ -21,8 +21,10 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
 from posed_room import SIZE, N, filmed, folder_of, found_cameras, photographed
+from scipy.ndimage import map_coordinates
 from shared_folder import contents
 
+from benchmarks.poses.filmed_scene import arc, picture, textured_room
 from benchmarks.poses.pose_error import alignment, pose_error
 
 pycolmap = pytest.importorskip("pycolmap", reason="needs pycolmap: pip install 'mi_dogsplat[poses]'")
@@ -167,6 +169,11 @@ def test_other_settings_and_other_images_are_not_mixed_with_the_earlier(source, 
     (fewer / "view 0.jpg").unlink()
     with pytest.raises(DataError, match="the file of the source has changed"):
         find_poses(fewer, out, PosesConfig())
+    painted = shutil.copytree(source, tmp_path / "painted")
+    (painted / "masks").mkdir(exist_ok=True)
+    shutil.copy(next(painted.glob("*.*g")), painted / "masks" / "view 0.png")
+    with pytest.raises(DataError, match="the file of the masks has changed"):
+        find_poses(painted, out, PosesConfig())
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.tex").write_text("")
     with pytest.raises(DataError, match="other contents"):
@@ -333,3 +340,20 @@ def test_train_refuses_a_run_in_place_of_photographs(tmp_path, capsys):
         (tmp_path / "run" / name).write_bytes(b"")
     assert_one_line(run(capsys, "train", tmp_path / "run", "-o", tmp_path / "out"), "is a run")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_fisheye_is_found_though_the_files_say_nothing_of_its_focal_length(tmp_path):
+    """Equidistant: what is seen at an angle from the axis is so many times the focal length from the centre."""
+    focal, wide, of_wide = 180.0, 600, 170.0  # pixels; of a pinhole of 121 degrees, from which the pictures are taken
+    x, y = np.meshgrid(np.arange(SIZE[0]) + 0.5 - SIZE[0] / 2, np.arange(SIZE[1]) + 0.5 - SIZE[1] / 2)
+    radius = np.hypot(x, y)
+    at = wide / 2 - 0.5 + of_wide * np.tan(radius / focal) / radius * np.array([y, x])  # [2, H, W]
+    scene, pictures = textured_room(), []
+    for camera in arc(N, *SIZE):
+        pinhole = Camera(camera.w2c, of_wide, of_wide, wide / 2, wide / 2, wide, wide)
+        planes = np.moveaxis(picture(scene, [pinhole], 4), -1, 0)
+        pictures.append(np.stack([map_coordinates(plane, at, order=1) for plane in planes], -1))
+    summary = find_poses(folder_of(tmp_path / "in", pictures), tmp_path / "out", PosesConfig(lens="OPENCV_FISHEYE"))
+    assert summary.n_registered == N and not summary.advice
+    found = next(iter(found_cameras(tmp_path / "out").values()))
+    assert found.fx == pytest.approx(focal, rel=0.05)
