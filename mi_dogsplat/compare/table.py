@@ -108,11 +108,12 @@ def cells(table: dict[str, Any], data: str, method: str) -> list[tuple[str, bool
 
 
 def _with_spread(row: dict[str, Any], name: str, digits: int) -> str:
-    """Value ± spread, without the spread for a single seed, empty without a number."""
+    """Value ± spread, without the spread where a single seed has a number, empty where none has."""
     value = row["summary"].get(name)
     if not value:
         return ""
-    return f"{value['value']:,.{digits}f}" + (f" ± {value['spread']:.{digits}f}" if len(row["runs"]) > 1 else "")
+    seeds = sum(name in run for run in row["runs"].values())  # what was cut off has not measured all of them yet
+    return f"{value['value']:,.{digits}f}" + (f" ± {value['spread']:.{digits}f}" if seeds > 1 else "")
 
 
 def write_tables(out: Path, table: dict[str, Any]) -> None:

@@ -37,7 +37,7 @@ class Task:
     kind: str  # one of KINDS
     folder: str  # of the data set within the comparison
     seed: int
-    methods: tuple[str, ...] = ()  # the one to train, maybe with a target (``at_target``), or those asked for
+    methods: tuple[str, ...] = ()  # the one to train, or those asked for; maybe with a target (``at_target``)
 
     @property
     def name(self) -> str:
@@ -62,8 +62,11 @@ class Task:
     @property
     def complete(self) -> list[Path]:
         """The run folders that it is about which are there and whole: of its method, or, to measure, of all methods,
-        those of earlier calls too."""
-        names = self.methods if self.kind == "train" else tuple(METHODS)
+        at all targets, those of earlier calls too."""
+        names = self.methods
+        if self.kind != "train":
+            others = sorted(run.name for run in self.seed_folder.glob(f"*{AT}*"))
+            names = *METHODS, *(name for name in others if method_of(name) in METHODS)
         runs = {name: self.seed_folder / name for name in names}
         return [run for name, run in runs.items() if is_complete(run, METHODS[method_of(name)])]
 
@@ -83,13 +86,13 @@ def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str], targets
     where, tasks = str(folder.resolve()), []
     for seed in seeds:
         tasks.append(Task("start", where, seed))
-        tasks += [Task("train", where, seed, (name,)) for name in methods]
         compact = [name for name in methods if METHODS[name].compact]
-        tasks += [Task("train", where, seed, (at_target(name, x),)) for x in targets for name in compact]
-        tasks.append(Task("time", where, seed, tuple(methods)))
+        runs = tuple(dict.fromkeys((*methods, *(at_target(name, x) for x in targets for name in compact))))
+        tasks += [Task("train", where, seed, (name,)) for name in runs]
+        tasks.append(Task("time", where, seed, runs))
         if weights_path().exists():
-            tasks.append(Task("lpips", where, seed, tuple(methods)))
-    return list(dict.fromkeys(tasks))  # seeds or targets may be given twice
+            tasks.append(Task("lpips", where, seed, runs))
+    return list(dict.fromkeys(tasks))  # seeds may be given twice, as targets may
 
 
 def perform(task: Task, free: Mapping[str, Any]) -> None:

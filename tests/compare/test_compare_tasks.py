@@ -13,6 +13,9 @@ import pytest
 from mi_dogsplat.compare.cluster import local_options
 from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import Means, in_a_process
+from mi_dogsplat.compare.method_runs import recipe_of
+from mi_dogsplat.compare.methods import METHODS
+from mi_dogsplat.compare.names import method_of
 from mi_dogsplat.compare.tasks import Task, perform, tasks_of
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.support.errors import DataError
@@ -51,6 +54,23 @@ def test_seeds_and_targets_that_are_given_twice_are_done_once(tmp_path):
     once = tasks_of(tmp_path, (1, 0), ("3dgs", "ours"), (0.05, 0.2))
     assert tasks_of(tmp_path, (1, 0, 1), ("3dgs", "ours"), (0.05, 0.2, 0.05)) == once
     assert len({task.log for task in once}) == len(once)
+
+
+def test_runs_at_other_targets_are_measured_with_all_others(tmp_path, monkeypatch):
+    """The tables of equal bytes and time show their LPIPS, too."""
+    (tmp_path / "weights.npz").touch()
+    monkeypatch.setattr("mi_dogsplat.compare.tasks.weights_path", lambda: tmp_path / "weights.npz")
+    (lpips,) = [task for task in tasks_of(tmp_path, [0], ("3dgs", "ours"), (0.05,)) if task.kind == "lpips"]
+    for name in ("3dgs", "ours", "ours@0.05", "paper@0.2"):  # the last one of an earlier call
+        run = tmp_path / "seed_0" / name
+        run.mkdir(parents=True)
+        (run / "metrics.json").write_text("{}")
+        (run / "recipe.json").write_text(json.dumps(recipe_of(METHODS[method_of(name)])))
+    assert [run.name for run in lpips.complete] == ["3dgs", "ours", "ours@0.05", "paper@0.2"]
+    for name in ("3dgs", "ours", "ours@0.05"):
+        assert not lpips.done
+        (tmp_path / "seed_0" / name / "lpips.json").write_text('{"lpips": 0.2}')
+    assert lpips.done
 
 
 def test_two_comparisons_do_not_write_to_one_folder(data, tmp_path):

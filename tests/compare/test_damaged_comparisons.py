@@ -1,6 +1,7 @@
 """Folders of comparisons with files that a broken disk or an editor has damaged: one line that names the file."""
 
 import json
+import shutil
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -10,7 +11,7 @@ from mi_dogsplat.compare.crops import crops
 from mi_dogsplat.compare.execute import Outcome
 from mi_dogsplat.compare.method_runs import is_complete, recipe_of
 from mi_dogsplat.compare.methods import METHODS
-from mi_dogsplat.compare.table import collect_all
+from mi_dogsplat.compare.table import cells, collect_all, columns
 from mi_dogsplat.compare.tasks import Task, perform
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
@@ -55,6 +56,16 @@ def test_a_run_at_another_target_ends_where_the_method_has_no_run_at_that_of_the
     monkeypatch.setattr("mi_dogsplat.compare.compare.load_dataset", lambda *_, **__: Mock(test=[0]))
     compare(TrainConfig("", **SETTINGS), [str(out / "tiny")], out, [0], ("ours",), targets=(0.1,), progress=told.append)
     assert told == ["1/3 tiny, seed 0: ours@0.1: 30.00 dB, 100 primitives, 1 s"]
+
+
+def test_a_number_that_one_seed_of_two_has_measured_has_no_spread(out):
+    """As LPIPS where a comparison was cut off before those of the second seed."""
+    shutil.copytree(out / "tiny" / "seed_0", out / "tiny" / "seed_1")
+    (out / "tiny" / "seed_1" / "ours" / "lpips.json").unlink()
+    found = collect_all(out, {})
+    at = columns(found, "tiny").index("lpips"), columns(found, "tiny").index("psnr")
+    shown = [[cells(found, "tiny", name)[column][0] for column in at] for name in ("3dgs", "ours")]
+    assert shown == [["0.200 ± 0.000", "30.00 ± 0.00"], ["0.200", "30.00 ± 0.00"]]
 
 
 @pytest.mark.parametrize("change", [{"revision": 7}, {"recipe": {"sh_every": 7}}, None], ids=str)

@@ -162,6 +162,8 @@ def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path, monkeyp
         names = [line["method"] for line in csv.DictReader(file)]
     again = ("3dgs_capped", "opacity", "released_40k")
     assert sorted(names) == sorted(["3dgs", *again, *(f"{name}@0.5" for name in again)])
+    measured = json.loads((tmp_path / "out" / "tiny" / "seed_0" / "opacity@0.5" / "render_ms.json").read_text())
+    assert sorted(measured["in_turn_with"]) == sorted(names)  # their FPS stand in one column
     history = (tmp_path / "out" / "tiny" / "seed_0" / "released_40k" / "history.jsonl").read_text().splitlines()
     first, last = (json.loads(line)["step"] for line in (history[0], history[-1]))
     assert 30 < first <= 40 and last == 80  # from the start of the others, a third more steps than they have
