@@ -110,7 +110,7 @@ def _binary_images(path: Path) -> list[tuple[str, int, list[float]]]:
 
 def _text_cameras(path: Path) -> dict[int, Intrinsics]:
     cameras = {}
-    for line in path.read_text(errors="replace").splitlines():
+    for line in _text_lines(path):
         if line.strip() and not line.startswith("#"):
             camera_id, model, width, height, *values = line.split()
             if model not in NUMBERS:
@@ -125,13 +125,18 @@ def _text_cameras(path: Path) -> dict[int, Intrinsics]:
 
 
 def _text_images(path: Path) -> list[tuple[str, int, list[float]]]:
-    lines = [line for line in path.read_text(errors="replace").splitlines() if not line.startswith("#")]
+    lines = iter([line.strip() for line in _text_lines(path) if not line.startswith("#")])
     images = []
-    for line in lines[::2]:  # every second line lists observed points
-        if line.strip():
+    for line in lines:
+        if line:
             _, *pose, camera_id, name = line.split(maxsplit=9)
             images.append((name, int(camera_id), [float(value) for value in pose]))
+            next(lines, None)  # lists observed points, and may be empty
     return images
+
+
+def _text_lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8-sig", errors="replace").splitlines()  # a mark may come first
 
 
 def _matrix(pose: list[float]) -> np.ndarray:

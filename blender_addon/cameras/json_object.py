@@ -14,7 +14,7 @@ KINDS = "give a folder with sparse/0, transforms.json or transforms_train.json, 
 def read_json_object(path: Path) -> dict[str, Any]:
     """The object in a JSON file. Raises ``FileError``."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))  # editors of Windows begin a file with a mark
     except json.JSONDecodeError as error:
         problem = "not valid JSON in line {line} ({reason})"
         raise FileError(path, problem, "correct that line", line=error.lineno, reason=error.msg) from error

@@ -11,7 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Vector
 
 from ..files.errors import FileError, told
-from ..objects.attributes import is_splats
+from ..objects.attributes import has_splats
 from ..objects.conventions import placement
 from ..translations import OWN
 from .objects import build_camera, look_through, picture_size
@@ -37,7 +37,7 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
         """A camera that follows the active model of splats, as it is placed now; after an error, none."""
         scene, path = context.scene, Path(self.filepath)
         model = context.view_layer.objects.active
-        matrix = Matrix(placement(model)) if is_splats(model) else Matrix.Identity(4)
+        matrix = Matrix(placement(model)) if has_splats(model) else Matrix.Identity(4)
         upright = matrix.to_3x3().inverted_safe() @ Vector((0, 0, 1))  # of Blender, in the coordinates of the file
         try:
             keys = read_path(path, *picture_size(scene.render), np.array(upright))
@@ -54,7 +54,7 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
         scene.camera = obj
         if self.use_range:
             scene.frame_end = max(start, round(start + (keys[-1].time - keys[0].time) * rate))
-        scene.frame_set(scene.frame_current)
+        scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
         self.report({"INFO"}, told("{count} key frames imported", count=len(keys)))
         return {"FINISHED"}
 

@@ -41,7 +41,7 @@ class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """One key for each step of the scene's frames, the last one too; the scene is left at its frame."""
         scene, model = context.scene, _model(context)
-        last, before = scene.frame_end, scene.frame_current
+        last, before = scene.frame_end, (scene.frame_current, scene.frame_subframe)
         frames = sorted({*range(scene.frame_start, last + 1, self.step), last})
         rate = scene.render.fps / scene.render.fps_base
         try:
@@ -55,7 +55,7 @@ class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         finally:
-            scene.frame_set(before)
+            scene.frame_set(before[0], subframe=before[1])
         self.report({"INFO"}, told("{count} key frames exported", count=len(keys)))
         return {"FINISHED"}
 

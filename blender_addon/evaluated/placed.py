@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import bpy
 import numpy as np
@@ -17,15 +17,17 @@ from .edited import edited_model
 
 
 def holds_splats(obj: bpy.types.Object) -> bool:
-    """Whether an object is splats, or an instance of a collection with splats."""
-    if obj.instance_type == "COLLECTION" and obj.instance_collection is not None:
-        return any(has_splats(inner) for inner in obj.instance_collection.all_objects)
-    return has_splats(obj)
+    """Whether an object is splats, or an instance of a collection with splats, or with such instances."""
+    return any(map(has_splats, _with_instanced([obj])))
 
 
 def objects_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The objects of a scene, then those that are there only as instances of collections, or of those in these."""
-    found = dict.fromkeys(scene.objects)
+    return _with_instanced(scene.objects)
+
+
+def _with_instanced(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    found = dict.fromkeys(objects)
     waiting = list(found)
     while waiting:
         obj = waiting.pop()
@@ -47,7 +49,7 @@ def placed_splats(
     for obj in own:
         if has_splats(obj) and wanted(obj):
             yield obj, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64), obj
-    if not any(_may_repeat_splats(obj) and wanted(obj) for obj in own):
+    if not any(may_repeat_splats(obj) and wanted(obj) for obj in own):
         return
     for instance in depsgraph.object_instances:
         if not instance.is_instance or not has_splats(instance.object.original):
@@ -80,11 +82,12 @@ def _has_nodes(obj: bpy.types.Object) -> bool:
     return not has_splats(obj) and any(modifier.type == "NODES" for modifier in obj.modifiers)
 
 
-def _may_repeat_splats(obj: bpy.types.Object) -> bool:
+def may_repeat_splats(obj: bpy.types.Object) -> bool:
     """Whether splats may be among the instances that it makes; of those of nodes nobody knows without a look."""
-    if obj.instance_type != "NONE":
-        return obj.instance_type != "COLLECTION" or holds_splats(obj)
-    return _has_nodes(obj)
+    return any(
+        inner.instance_type not in ("NONE", "COLLECTION") or _has_nodes(inner) or (inner != obj and has_splats(inner))
+        for inner in _with_instanced([obj])
+    )
 
 
 def placed_model(

@@ -250,6 +250,10 @@ def _header(path: Path, file: BinaryIO) -> tuple[str, list[tuple[str, int, dict[
                 break
             case ["format", name, "1.0"] if name in _BYTE_ORDERS:
                 byte_order = _BYTE_ORDERS[name]
+            case ["element", name, _] if any(name == other for other, _, _ in elements):
+                raise FileError(path, 'element "{name}" is declared twice', _DAMAGED, name=name)
+            case ["property", *_, name] if elements and name in elements[-1][2]:  # rows would be taken for shorter ones
+                raise FileError(path, 'property "{name}" is declared twice', _DAMAGED, name=name)
             case ["element", name, count] if count.isdecimal() and len(count) <= 18:
                 elements.append((name, int(count), {}))
             case ["property", "list", _, _, name] if elements:

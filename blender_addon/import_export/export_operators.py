@@ -10,7 +10,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..evaluated.placed import holds_splats, placed_model, placed_splats
+from ..evaluated.placed import holds_splats, may_repeat_splats, placed_model, placed_splats
 from ..files.errors import FileError, told
 from ..files.light import in_common_light
 from ..files.model import concatenate
@@ -41,7 +41,7 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Something to export is selected."""
-        return any(holds_splats(obj) for obj in context.selected_objects)
+        return any(holds_splats(obj) or may_repeat_splats(obj) for obj in context.selected_objects)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Several objects become one model, in the coordinates of the first one's file."""
@@ -55,7 +55,9 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
         depsgraph = context.evaluated_depsgraph_get()
         placed = list(placed_splats(depsgraph, chosen.__contains__))
         if not placed:
-            self.report({"ERROR"}, told("the selected splats are hidden in this view layer; show them first"))
+            hidden = "the selected splats are hidden in this view layer; show them first"
+            none = "what is selected shows no splats; select some, or what makes instances of them"
+            self.report({"ERROR"}, told(hidden if any(map(holds_splats, chosen)) else none))
             return {"CANCELLED"}
         objects = [obj for obj, _, _ in placed]
         first = context.object if context.object in objects else objects[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import bpy
@@ -54,6 +55,17 @@ class Borrowed:
         self._before.clear()
         self._undo.clear()
 
+    def keep(self, owner: Any, name: str) -> None:
+        """Have a property as it is now again at the very end: Blender itself changes it with others."""
+        if hasattr(owner, name):
+            value = getattr(owner, name)
+
+            def give() -> None:
+                with suppress(AttributeError, ReferenceError, TypeError):  # TypeError: it had no value that can be set
+                    setattr(owner, name, value)
+
+            self._undo.append(give)
+
     def set_size(self, scene: bpy.types.Scene) -> None:
         """Pictures as large as the settings of the training say, with square pixels."""
         render, (width, height) = scene.render, scene.dogsplat_training.size
@@ -63,23 +75,28 @@ class Borrowed:
     def set_picture(self, scene: bpy.types.Scene) -> None:
         """Display values of sRGB, which models are trained in, or linear radiance; nothing on top of the render."""
         render, settings = scene.render, scene.dogsplat_training
+        image = render.image_settings
+        self.keep(image, "views_format")  # a file format may have no such views
+        self.keep(image.linear_colorspace_settings, "name")  # each file format begins with one of its own
+        # Files that override the scene's color management lose their own once they follow the scene
+        managed = image if image.color_management == "OVERRIDE" else scene
         self.set(render, **dict.fromkeys(OFF, False), use_persistent_data=True, dither_intensity=0.0)
         self.set(render, use_overwrite=True, use_file_extension=True, film_transparent=settings.transparent)
-        self.set(scene.display_settings, display_device="sRGB")
+        self.set(managed.display_settings, display_device="sRGB")
         self.set(
-            scene.view_settings, view_transform="Standard", look="None", exposure=0.0, gamma=1.0,
+            managed.view_settings, view_transform="Standard", look="None", exposure=0.0, gamma=1.0,
             use_curve_mapping=False, use_white_balance=False,
         )  # fmt: skip
         self.set(
-            render.image_settings,
+            image,
             media_type="IMAGE",
             file_format="OPEN_EXR" if settings.linear else "PNG",
             color_mode="RGBA" if settings.transparent else "RGB",
             color_depth="16" if settings.linear else "8",
-            color_management="OVERRIDE" if settings.linear else "FOLLOW_SCENE",
         )
         if settings.linear:  # in whatever space the file is
-            self.set(render.image_settings.linear_colorspace_settings, name=OURS)
+            self.set(image, color_management="OVERRIDE")
+            self.set(image.linear_colorspace_settings, name=OURS)
 
     def set_visible(self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
         """The subject, even where a model has taken its place, without the others if it is to be alone.

@@ -44,6 +44,8 @@ MESSAGES = {
     'the header has no "format" line': "im Kopf fehlt die Zeile „format“",
     'the header has no "end_header" line': "im Kopf fehlt die Zeile „end_header“",
     'header line "{line}" makes no sense': "die Kopfzeile „{line}“ ergibt keinen Sinn",
+    'element "{name}" is declared twice': "Element „{name}“ ist zweimal angegeben",
+    'property "{name}" is declared twice': "Eigenschaft „{name}“ ist zweimal angegeben",
     'there is no element "vertex"': "es gibt kein Element „vertex“",
     'element "{element}" has no property "{name}"': "Element „{element}“ hat keine Eigenschaft „{name}“",
     "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*": (
@@ -115,6 +117,9 @@ MESSAGES = {
     ),
     "the selected splats are hidden in this view layer; show them first": (
         "die ausgewählten Splats sind in dieser Ansichtsebene verborgen; sie zuerst anzeigen"
+    ),
+    "what is selected shows no splats; select some, or what makes instances of them": (
+        "was ausgewählt ist, zeigt keine Splats; welche auswählen, oder was Instanzen von ihnen macht"
     ),
     "there is no splat to export": "es gibt keinen Splat zu exportieren",
     "select a model that has some, or open its crop": (

@@ -14,7 +14,7 @@ from mathutils import Matrix, Vector
 from model_files import export, load
 from package_command import COMMAND, SECONDS
 
-from blender_addon.objects.attributes import read_attributes
+from blender_addon.objects.attributes import is_native, read_attributes
 
 FRAMES = 1, 9
 
@@ -153,6 +153,31 @@ def test_an_exported_path_comes_back_as_the_same_camera(scene, animated, tmp_pat
         size = scene.camera.data.sensor_width / before.data.sensor_width
         assert scene.camera.data.lens == pytest.approx(before.data.lens * size, rel=1e-4)
         assert scene.camera.data.shift_x == pytest.approx(before.data.shift_x, abs=1e-4)
+
+
+def test_a_path_leaves_the_scene_between_two_frames(scene, animated, tmp_path):
+    scene.frame_set(4, subframe=0.5)
+    exported(tmp_path)
+    assert scene.frame_current_final == 4.5
+    assert bpy.ops.import_scene.dogsplat_path(filepath=str(tmp_path / "keys.json")) == {"FINISHED"}
+    assert scene.frame_current_final == 4.5
+
+
+def test_a_path_is_placed_beside_a_point_cloud_of_splats(scene, model, animated, tmp_path):
+    """As it is exported."""
+    obj = load(model, up_axis="-Y", scale=2.0)
+    obj.modifiers.clear()
+    obj.location = (1, 2, 3)
+    for other in bpy.context.selected_objects:
+        other.select_set(other == obj)
+    bpy.ops.object.convert(target="POINTCLOUD")
+    before, cloud = scene.camera, bpy.context.object
+    assert is_native(cloud)
+    exported(tmp_path)
+    assert bpy.ops.import_scene.dogsplat_path(filepath=str(tmp_path / "keys.json")) == {"FINISHED"}
+    scene.frame_set(4)
+    assert scene.camera is not before
+    np.testing.assert_allclose(scene.camera.matrix_world, before.matrix_world, atol=1e-4)
 
 
 def test_keys_that_look_at_a_point_are_imported(scene, tmp_path):

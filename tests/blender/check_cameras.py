@@ -196,6 +196,21 @@ def test_text_and_binary_models_of_colmap_are_the_same(shared, tmp_path):
         assert np.allclose(camera.w2c, binary[camera.name].w2c, atol=1e-5) and camera.fx == first.fx
 
 
+@pytest.mark.parametrize("start", ["", "\ufeff", "\n"])
+def test_text_files_may_begin_with_a_mark_or_an_empty_line(odd, tmp_path, start):
+    """As the package reads them: an image may have no observed points, and more empty lines may follow."""
+    file = tmp_path / "transforms.json"
+    file.write_text(start + file.read_text(), encoding="utf-8")
+    assert [camera.name for camera in read_cameras(tmp_path, lambda path: (0, 0))[0]] == ["7"]
+    model = tmp_path / "sparse" / "0"
+    model.mkdir(parents=True)
+    (model / "cameras.txt").write_text(f"{start}# cameras\n1 PINHOLE 40 30 50 51 20 15\n", encoding="utf-8")
+    rows = [f"{i} 1 0 0 0 {i} 0 0 1 ü {i}.png\n{points}\n" for i, points in enumerate(("\n", "1 2 -1", ""))]
+    (model / "images.txt").write_text(f"{start}# images\n{start}{''.join(rows)}".replace("\n\ufeff", "\n"), "utf-8")
+    cameras = read_cameras(tmp_path, lambda path: (0, 0))[0]
+    assert [(c.name, c.w2c[0, 3], c.fy) for c in cameras] == [(f"ü {i}", i, 51) for i in range(3)]
+
+
 @pytest.mark.parametrize(
     "name, content, message",
     [

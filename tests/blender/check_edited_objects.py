@@ -164,6 +164,48 @@ def test_what_points_or_nodes_repeat_is_placed(scene, model, show, way):
     assert np.allclose(sorted(tuple(matrix[:3, 3]) for _, matrix, _ in placed), sorted(corners), atol=1e-5)
 
 
+@pytest.mark.parametrize("inner", ["COLLECTION", "NODES"])
+def test_what_an_instanced_collection_makes_instances_of_is_placed(scene, model, tmp_path, inner):
+    """Though no splats are in that collection itself."""
+    raw, obj = read_ply(model), load(model)
+    own, around = (bpy.data.collections.new(name) for name in ("own", "around"))
+    for user in obj.users_collection:
+        user.objects.unlink(obj)
+    own.objects.link(obj)
+    if inner == "COLLECTION":
+        host = instance_of(own, "inner")
+    else:
+        host = bpy.data.objects.new("inner", bpy.data.meshes.new("point"))
+        host.data.vertices.add(1)
+        host.modifiers.new("scatter", inner).node_group = scattering(obj)
+    around.objects.link(host)
+    outer = instance_of(around, "outer")
+    scene.collection.objects.link(outer)
+    outer.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    placed = list(placed_splats(bpy.context.evaluated_depsgraph_get()))
+    assert [(found, owner) for found, _, owner in placed] == [(obj, outer)]
+    assert np.allclose(placed[0][1], np.array(PLACED), atol=1e-6)
+    outer.select_set(True)
+    assert_moved(export(tmp_path / "out.ply"), raw, np.array(PLACED))
+
+
+def instance_of(collection, name):
+    empty = bpy.data.objects.new(name, None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", collection
+    return empty
+
+
+def test_only_what_makes_instances_has_to_be_selected_for_an_export(scene, model, tmp_path):
+    raw, obj = read_ply(model), load(model)
+    bpy.ops.mesh.primitive_plane_add(size=2)  # selects it alone
+    bpy.context.object.modifiers.new("scatter", "NODES").node_group = scattering(obj)
+    assert export(tmp_path / "out.ply").n_splats == 4 * raw.n_splats
+    bpy.context.object.modifiers["scatter"].node_group = bpy.data.node_groups.new("nothing", "GeometryNodeTree")
+    with pytest.raises(RuntimeError, match="what is selected shows no splats; select some"):
+        export(tmp_path / "out.ply")
+
+
 def test_what_is_parented_to_a_model_stays_when_its_transform_is_applied(scene, model):
     """Whatever the order in which a family of models is selected; and they are themselves applied."""
     objects = [load(model) for _ in range(3)]

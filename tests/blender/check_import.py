@@ -112,6 +112,11 @@ def test_several_files_become_several_objects_that_share_trees_and_materials(mod
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", 'no property "y"'),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\none\n", "not a number"),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty floot x\nend_header\n1\n", "floot"),
+        (
+            b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float x\nend_header\n1 2\n",
+            'property "x" is declared twice',
+        ),
+        (b"ply\nformat ascii 1.0\nelement vertex 1\nelement vertex 1\nend_header\n", '"vertex" is declared twice'),
     ],
 )
 def test_a_bad_file_is_one_line_and_leaves_nothing(model, tmp_path, content, message):

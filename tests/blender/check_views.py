@@ -37,6 +37,32 @@ def test_all_settings_are_given_back_and_only_the_subject_is_seen(subject, scene
     assert (seen[:, 0] > 1.5 * seen[:, 1]).all()  # red: neither the wall nor the green ball
 
 
+@pytest.mark.parametrize("linear", [False, True])
+def test_an_output_with_color_management_of_its_own_gets_it_back(subject, scene, linear):
+    """And the views are those of any other scene."""
+    scene.dogsplat_training.views, scene.dogsplat_training.linear, scene.cycles.seed = 1, linear, 1
+    make_rig(bpy.context)
+    pictures = []
+    for own in (False, True):
+        image = scene.render.image_settings
+        if hasattr(image, "media_type"):
+            image.media_type = "IMAGE"
+        image.file_format = "OPEN_EXR"
+        if own:
+            image.color_management = "OVERRIDE"
+            image.linear_colorspace_settings.name = "Non-Color"
+            image.view_settings.view_transform, image.view_settings.exposure = "Raw", 2.0
+            scene.render.use_multiview, image.views_format = True, "MULTIVIEW"
+        owners = [image.linear_colorspace_settings, image.view_settings, image.display_settings] if own else []
+        before = state(scene, *owners)
+        bpy.ops.dogsplat.render_views()
+        assert state(scene, *owners) == before
+        file = bpy.data.images.load(str(folder_of(scene) / "images" / ("View_000.exr" if linear else "View_000.png")))
+        pictures.append(np.array(file.pixels[:]))
+        bpy.data.images.remove(file)
+    assert np.array_equal(*pictures)
+
+
 def test_views_are_of_the_view_layer_at_work(subject, scene):
     """Though the first one of the file, whose picture Blender would write, has no subject."""
     scene.dogsplat_training.views = 1

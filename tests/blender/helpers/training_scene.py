@@ -39,14 +39,14 @@ def folder_of(scene):
     return Path(scene.dogsplat_training.folder) / "data"
 
 
-def state(scene):
-    """Every setting that has to be as before."""
+def state(scene, *further):
+    """Every setting that has to be as before, those of ``further`` owners too."""
 
     def values(owner):
         read = {p.identifier: getattr(owner, p.identifier) for p in owner.bl_rna.properties if p.type != "POINTER"}
         return {name: tuple(v) if hasattr(v, "__len__") and not isinstance(v, str) else v for name, v in read.items()}
 
-    owners = scene.render, scene.render.image_settings, scene.view_settings, scene.display_settings
+    owners = scene.render, scene.render.image_settings, scene.view_settings, scene.display_settings, *further
     seen = {obj.name: (obj.hide_render, obj.hide_viewport, obj.visible_camera, obj.hide_get()) for obj in scene.objects}
     view = bpy.context.preferences.view.render_display_type
     markers = [marker.camera for marker in scene.timeline_markers]
