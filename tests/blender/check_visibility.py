@@ -85,11 +85,16 @@ def rendered_order(scene, monkeypatch, folder):
     return orders[-1]
 
 
+def names(stage) -> list[str]:
+    """Of its objects, by their numbers."""
+    return [shown.name for shown in stage.objects]
+
+
 def shown_in_viewport(scene, folder) -> set[str]:
     """Names of what a viewport in Rendered shading asks for."""
     bpy.context.view_layer.update()
     hidden = hidden_in(viewport(), bpy.context.evaluated_depsgraph_get())
-    return set(staged(folder, through_the_camera(scene).camera, hidden).objects)
+    return set(names(staged(folder, through_the_camera(scene).camera, hidden)))
 
 
 @pytest.mark.parametrize("hide, seen", HIDING, ids=lambda value: getattr(value, "__name__", ""))
@@ -103,7 +108,7 @@ def test_what_is_hidden_is_hidden_where_blender_hides_it(scene, monkeypatch, tmp
     for obj in hidden:
         hide(obj)
     assert shown_in_viewport(scene, tmp_path) == (every if seen & VIEWPORTS else others)
-    assert set(rendered_order(scene, monkeypatch, tmp_path).objects) == (every if seen & RENDERS else others)
+    assert set(names(rendered_order(scene, monkeypatch, tmp_path))) == (every if seen & RENDERS else others)
 
 
 def test_an_instance_of_splats_is_hidden_with_what_makes_it(scene, monkeypatch, tmp_path, model):
@@ -118,11 +123,11 @@ def test_an_instance_of_splats_is_hidden_with_what_makes_it(scene, monkeypatch, 
     assert "Inner" in shown_in_viewport(scene, tmp_path)
     empty.hide_render = True
     assert "Inner" in shown_in_viewport(scene, tmp_path)
-    assert "Inner" not in rendered_order(scene, monkeypatch, tmp_path).objects
+    assert "Inner" not in names(rendered_order(scene, monkeypatch, tmp_path))
     empty.hide_render = False
     empty.hide_set(True)
     assert "Inner" not in shown_in_viewport(scene, tmp_path)
-    assert "Inner" in rendered_order(scene, monkeypatch, tmp_path).objects
+    assert "Inner" in names(rendered_order(scene, monkeypatch, tmp_path))
 
 
 def by_object(obj, mask):
@@ -146,19 +151,19 @@ def test_a_render_and_a_viewport_ask_for_masks(scene, monkeypatch, tmp_path, mod
     place_camera(scene, "dog")
     first, second, wall = load(model), load(model), body(plane(5), material("ShaderNodeBsdfDiffuse"))
     order = rendered_order(scene, monkeypatch, tmp_path)
-    assert order.objects == [first.name, second.name, wall.name] and not order.request.keys() & set(MASKS)
+    assert names(order) == [first.name, second.name, wall.name] and not order.request.keys() & set(MASKS)
     mark(second, mask)
     mark(wall, mask)
     order = rendered_order(scene, monkeypatch, tmp_path)
     assert order.notes == [] and {name: order.request.get(name) for name in MASKS} == {
-        name: [order.objects.index(obj.name) for obj in (second, wall)] if name == mask else None for name in MASKS
+        name: [names(order).index(obj.name) for obj in (second, wall)] if name == mask else None for name in MASKS
     }
     bpy.context.view_layer.update()
     stage = staged(tmp_path, through_the_camera(scene).camera)
-    assert sorted(stage.objects[number] for number in stage.request[mask]) == sorted([second.name, wall.name])
+    assert sorted(names(stage)[number] for number in stage.request[mask]) == sorted([second.name, wall.name])
     scene.dogsplat.send = "SPLATS"
     order = rendered_order(scene, monkeypatch, tmp_path)
-    assert [order.objects[number] for number in order.request[mask]] == [second.name]
+    assert [names(order)[number] for number in order.request[mask]] == [second.name]
 
 
 def test_instances_are_masked_with_what_makes_them(scene, monkeypatch, tmp_path, model):
@@ -173,9 +178,9 @@ def test_instances_are_masked_with_what_makes_them(scene, monkeypatch, tmp_path,
     empty.instance_type, empty.instance_collection, empty.is_holdout = "COLLECTION", collection, True
     scene.collection.objects.link(empty)
     order = rendered_order(scene, monkeypatch, tmp_path)
-    held = [order.objects[number] for number in order.request["holdout"]]
+    held = [names(order)[number] for number in order.request["holdout"]]
     assert sorted(held) == sorted(obj.name for obj in objects)
-    assert sorted(order.objects) == sorted(2 * held)
+    assert sorted(names(order)) == sorted(2 * held)
 
 
 OF_COLLECTIONS = {
