@@ -34,16 +34,15 @@ EXPRESSIONS = {
     "Width": "rx * percent / 100",
     "Height": "ry * percent / 100",
 }
-_DOME = "camera.data" if bpy.app.version >= (5, 0) else "camera.data.cycles"
 VARIABLES = {  # path from the scene, and the value where the scene has no camera
     "lens": ("camera.data.lens", 50), "sw": ("camera.data.sensor_width", 36), "sh": ("camera.data.sensor_height", 24),
     "kind": ("camera.data.type", 0), "scale": ("camera.data.ortho_scale", 6),
     "fit": ("camera.data.sensor_fit", 0), "sx": ("camera.data.shift_x", 0), "sy": ("camera.data.shift_y", 0),
     "rx": ("render.resolution_x", 0), "ry": ("render.resolution_y", 0), "percent": ("render.resolution_percentage", 0),
     "ax": ("render.pixel_aspect_x", 1), "ay": ("render.pixel_aspect_y", 1),
-    "dome": (f"{_DOME}.panorama_type", 0), "west": (f"{_DOME}.longitude_min", -math.pi),
-    "east": (f"{_DOME}.longitude_max", math.pi), "fov": (f"{_DOME}.fisheye_fov", math.pi),
-    "bent": (f"{_DOME}.fisheye_lens", 10.5),
+    "dome": ("camera.data.panorama_type", 0), "west": ("camera.data.longitude_min", -math.pi),
+    "east": ("camera.data.longitude_max", math.pi), "fov": ("camera.data.fisheye_fov", math.pi),
+    "bent": ("camera.data.fisheye_lens", 10.5),
 }  # fmt: skip
 
 

@@ -137,8 +137,7 @@ def test_a_panorama_shows_points_as_large_as_its_pixels(scene, tmp_path, lens):
     scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))  # along -z
     scene.collection.objects.link(scene.camera)
     scene.camera.data.type = "PANO"
-    where = scene.camera.data if bpy.app.version >= (5, 0) else scene.camera.data.cycles
-    where.panorama_type, where.fisheye_fov = lens, 2.5
+    scene.camera.data.panorama_type, scene.camera.data.fisheye_fov = lens, 2.5
     obj = load(REFERENCES / "around.ply")
     bpy.ops.dogsplat.exact_settings()
     scene.render.resolution_x, scene.render.resolution_y = 256, 128 if lens == "EQUIRECTANGULAR" else 256
