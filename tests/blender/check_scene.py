@@ -162,7 +162,7 @@ def test_what_shines_is_seen_and_lamps_are_not(scene, tmp_path, transparent):
     scene.render.film_transparent, scene.cycles.samples, scene.dogsplat.samples = transparent, 16, 16
     cycles, ours = (with_alpha(scene, name, tmp_path) for name in ("CYCLES", engine.ENGINE))
     assert cycles[HEIGHT // 2, WIDTH // 2 - 3] == pytest.approx((0.8, 0.4, 0.2, 1), abs=1e-3)
-    assert (ours[0, 0, 3] == 0) is transparent
+    assert (ours[0, 0, 3] == 0) == transparent
     assert np.abs(ours - cycles).mean() < 5e-3
 
 
