@@ -165,6 +165,8 @@ def test_a_path_leaves_the_scene_between_two_frames(scene, animated, tmp_path):
 
 def test_a_path_is_placed_beside_a_point_cloud_of_splats(scene, model, animated, tmp_path):
     """As it is exported."""
+    if bpy.app.version < (4, 5):
+        pytest.skip("this Blender makes no point cloud of a mesh")
     obj = load(model, up_axis="-Y", scale=2.0)
     obj.modifiers.clear()
     obj.location = (1, 2, 3)
