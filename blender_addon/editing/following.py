@@ -73,8 +73,9 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         if is_splats(obj) and obj.mode == "OBJECT" and obj.data.library is None:
             spread_ranks(obj.data)  # some may be deleted, doubled or joined
             matrix = follow_vertices(obj.data) if follows else np.eye(4)
-            if not np.array_equal(matrix, np.eye(4)):
-                for user in bpy.data.objects:
-                    if user.data == obj.data and user.library is None:
-                        scale_limits(user, mean_scale(matrix[:3, :3]))
-                        note_applied(user, matrix)
+            if np.array_equal(matrix, np.eye(4)):
+                continue
+            for user in (other for other in bpy.data.objects if other.data == obj.data and other.library is None):
+                note_applied(user, matrix)
+                if not is_shift(matrix):  # limits keep their bits then
+                    scale_limits(user, mean_scale(matrix[:3, :3]))

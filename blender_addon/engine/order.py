@@ -109,9 +109,7 @@ def make_order(
         stage.notes.append(told("depth of field is left out; it takes a perspective camera"))
     elif obj.data.dof.use_dof and not stage.whole:
         stage.notes.append(told("depth of field is left out; it takes Whole Scene and Linear colors"))
-    request = {**stage.request, "passes": passes}
-    if camera.orthographic:
-        request["near_clip"] = 0.0  # splats do not grow towards such a camera
+    request = {**stage.request, "passes": passes, **own_near_clip(camera)}
     if not stage.whole:
         request |= camera_request(camera)
     else:
@@ -173,6 +171,11 @@ def camera_request(camera: Camera) -> dict[str, Any]:
     """What a request says of a camera."""
     numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
     return {"camera": {"w2c": camera.w2c.tolist(), **numbers}, "orthographic": camera.orthographic}
+
+
+def own_near_clip(camera: Camera) -> dict[str, float]:
+    """In place of that of the splats: none for parallel rays, to which it does not matter where the camera stands."""
+    return {"near_clip": 0.0} if camera.orthographic else {}
 
 
 def square(camera: Camera) -> Camera:

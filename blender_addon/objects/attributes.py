@@ -81,7 +81,8 @@ def importance_ranks(model: Model) -> np.ndarray:
 def spread_ranks(mesh: bpy.types.Mesh) -> None:
     """Give what is left of a model ranks from 0 on again, in its order, so that a share is a share of what is left.
 
-    Ranks end at one less than their number, as a share of it. So those that end elsewhere are of other splats.
+    Ranks end at one less than their number, as a share of it. So those that end elsewhere are of other splats. Where
+    few of very many are missing single precision does not tell, and a share is hardly another.
     """
     if RANK not in mesh.attributes or not mesh.vertices:
         return

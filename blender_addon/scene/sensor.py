@@ -25,15 +25,15 @@ def sensor(scene: bpy.types.Scene, obj: bpy.types.Object, camera: Camera) -> Plu
     blur = STDDEV_OF_WIDTH * scene.render.filter_size
     film["rfilter"] = {"type": "gaussian", "stddev": blur} if blur > SHARP else {"type": "box"}
     common = {"near_clip": data.clip_start, "far_clip": data.clip_end, "to_world": matrix(to_world), "film": film}
-    if camera.orthographic:  # the axis is in the middle of the film, half of whose width is 1
+    if radius == 0:
         film |= {"width": width, "height": height}
+    if camera.orthographic:  # the axis is in the middle of the film, half of whose width is 1
         middle = np.eye(4)
         middle[:2, 3] = (camera.cx - width / 2) / camera.fx, (camera.cy - height / 2) / camera.fy
         half = width / 2 / camera.fx
         common["to_world"] = matrix(to_world @ middle @ np.diag([half, half, 1.0, 1.0]))
         return {"type": "orthographic", **common}
     if radius == 0:
-        film |= {"width": width, "height": height}
         shift = {"principal_point_offset_x": 0.5 - camera.cx / width}
         shift["principal_point_offset_y"] = 0.5 - camera.cy / height
         return {"type": "perspective", "fov_axis": "x", "fov": _degrees(width, camera.fx), **shift, **common}

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..engine.order import Stage, camera_request, make_stage, square, tidy
+from ..engine.order import Stage, camera_request, make_stage, own_near_clip, square, tidy
 from ..engine.passes import background
 from ..evaluated.masks import masks_in
 from ..evaluated.visible import hidden_in
@@ -170,9 +170,7 @@ class Rendered:
 
 def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, rests: bool) -> dict[str, Any]:
     """The picture of a stage as ``dogsplat serve`` is asked for it."""
-    request = stage.request | {"clip": list(seen.clip)}
-    if seen.camera.orthographic:
-        request["near_clip"] = 0.0  # where the camera stands says nothing
+    request = stage.request | {"clip": list(seen.clip), **own_near_clip(seen.camera)}
     if stage.whole:
         samples = scene.dogsplat.samples if rests else 0
         return request | camera_request(square(seen.camera)) | {"samples": samples}
