@@ -22,7 +22,7 @@ from mi_dogsplat.runs.stopping import Stopped
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
-from PIL import Image
+from rendered_files import read_png
 
 SHORT = FilmConfig(seconds=0.5, fps=8, size=(64, 48))
 
@@ -37,10 +37,6 @@ def keys(tmp_path) -> Path:
     (tmp_path / "keys.json").write_text(json.dumps(listed))
     (tmp_path / "camera.json").unlink()
     return tmp_path / "keys.json"
-
-
-def read_png(path: Path) -> np.ndarray:
-    return np.asarray(Image.open(path)).astype(np.float64) / 255
 
 
 def decoded(path: Path) -> tuple[list[np.ndarray], dict]:
@@ -71,7 +67,7 @@ def test_numbered_pictures_are_the_renders_of_the_key_frames(model, keys, tmp_pa
     assert sorted(p.name for p in (tmp_path / "frames").iterdir()) == [*(f"000{i}.png" for i in range(4)), "film.json"]
     for i, camera in enumerate(tiny_data.cameras()[:4]):
         expected = tiny_data.picture(tiny_data.truth(), camera).color
-        assert abs(read_png(tmp_path / "frames" / f"000{i}.png") - expected).max() <= 0.51 / 255 + 1e-4
+        assert abs(read_png(tmp_path / "frames" / f"000{i}.png") / 255 - expected).max() <= 0.51 / 255 + 1e-4
 
 
 @pytest.mark.parametrize(("seconds", "fps", "count"), [(0.5, 8, 4), (0.1, 30, 3), (0.01, 30, 1), (1.0, 7, 7)])
@@ -120,7 +116,7 @@ def test_a_near_clip_that_is_given_is_kept_without_data(model, keys, tmp_path):
     left = tiny_data.truth().select(depths > near_clip)
     expected = tiny_data.picture(left, camera).color
     assert abs(expected - tiny_data.picture(tiny_data.truth(), camera).color).max() > 0.1
-    assert abs(read_png(tmp_path / "f" / "0000.png") - expected).max() <= 0.51 / 255 + 1e-4
+    assert abs(read_png(tmp_path / "f" / "0000.png") / 255 - expected).max() <= 0.51 / 255 + 1e-4
     assert json.loads((tmp_path / "f" / "film.json").read_text())["near_clip"] == near_clip
 
 
@@ -130,9 +126,9 @@ def test_motion_blur_is_the_mean_of_linear_light(model, tmp_path):
     make_film(model, tmp_path / "blur", config=blurred)
     make_film(model, tmp_path / "fine", config=FilmConfig(seconds=1, fps=12, size=(48, 36)))
     for number in range(3):  # moments at -1/4 and 1/4 of a frame: frames 4 n - 1 and 4 n + 1 of the fine film
-        parts = [read_png(tmp_path / "fine" / f"{(4 * number + k) % 12:04d}.png") for k in (-1, 1)]
+        parts = [read_png(tmp_path / "fine" / f"{(4 * number + k) % 12:04d}.png") / 255 for k in (-1, 1)]
         expected = linear_to_srgb(np.mean([srgb_to_linear(part) for part in parts], axis=0))
-        difference = abs(read_png(tmp_path / "blur" / f"{number:04d}.png") - expected)
+        difference = abs(read_png(tmp_path / "blur" / f"{number:04d}.png") / 255 - expected)
         assert difference.max() < 0.03 and difference.mean() < 0.004  # rounding to 8 bits, which is coarse in the dark
         assert abs(np.mean(parts, axis=0) - expected).max() > 0.05  # the mean of display values is another
 
@@ -147,9 +143,9 @@ def test_the_video_shows_the_frames_within_the_error_of_its_codec(model, tmp_pat
     assert says["codec"] == "h264" and says["format"] == "yuv420p"
     assert says["tags"] == [1, 1, 1, 1]  # limited range; BT.709 primaries, transfer and matrix
     for number, frame in enumerate(frames):
-        truth = read_png(tmp_path / "frames" / f"{number:04d}.png")
+        truth = read_png(tmp_path / "frames" / f"{number:04d}.png") / 255
         assert abs(frame - truth).mean() < 0.02
-        others = [abs(frame - read_png(tmp_path / "frames" / f"{k:04d}.png")).mean() for k in range(4)]
+        others = [abs(frame - read_png(tmp_path / "frames" / f"{k:04d}.png") / 255).mean() for k in range(4)]
         assert int(np.argmin(others)) == number
 
 
@@ -349,7 +345,7 @@ def test_a_lens_keeps_its_view_of_the_shorter_side_whatever_the_size(model, tmp_
     seen = {}
     for size in ((64, 32), (32, 64)):
         make_film(model, tmp_path / f"{size[0]}", config=FilmConfig(seconds=0.1, fps=10, size=size))
-        seen[size] = read_png(tmp_path / f"{size[0]}" / "0000.png")
+        seen[size] = read_png(tmp_path / f"{size[0]}" / "0000.png") / 255
     wide, tall = seen[64, 32][:, 16:48], seen[32, 64][16:48]
     assert wide.max() > 0.2
     np.testing.assert_allclose(wide, tall, atol=1.5 / 255)

@@ -10,7 +10,7 @@ from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.make import make_film
 from mi_dogsplat.film.subject import read_subject
 from mi_dogsplat.render.picture_options import PictureOptions
-from PIL import Image
+from rendered_files import read_png
 
 FEW = FilmConfig(seconds=0.25, fps=8, size=(32, 24))
 
@@ -25,7 +25,7 @@ def test_a_run_folder_knows_its_data_and_how_it_is_drawn(model, data, tmp_path, 
     )
     assert status == 0 and "2 frames of 48 x 36, 1 s; along 8 cameras" in out
     expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[0], background=1.0).color
-    shown = np.asarray(Image.open(tmp_path / "f" / "0000.png")) / 255
+    shown = read_png(tmp_path / "f" / "0000.png") / 255
     assert abs(shown - expected).max() < 1.5 / 255
     film = make_film(folder, tmp_path / "g", config=FEW)
     assert film.path.startswith("an orbit")  # the cameras of the tiny data stand all around
