@@ -5,6 +5,7 @@ A pose is OpenCV's world-to-camera (x right, y down, z forward); Blender's own c
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -64,9 +65,9 @@ def rigid(path: Path, name: str, matrix: Any) -> np.ndarray:
 
 
 def camera_name(file: str) -> str:
-    """Name of the view of an image file: no extension, which begins with a letter, and no folder ``images``; ``/``
-    becomes ``_``."""
+    """Name of the view of an image file: no extension, which begins with a letter, and no folder ``images`` or
+    ``images_2``; ``/`` becomes ``_``."""
     path = Path(file.replace("\\", "/"))
     path = path.with_suffix("") if path.suffix[1:2].isalpha() else path
     parts = [part for part in path.parts if part not in (".", "..", "/")]
-    return "_".join(parts[1:] if len(parts) > 1 and parts[0].split("_")[0] == "images" else parts)
+    return "_".join(parts[1:] if len(parts) > 1 and re.fullmatch(r"images(_\d+)?", parts[0]) else parts)

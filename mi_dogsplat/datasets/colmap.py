@@ -90,6 +90,13 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
     return sources, images
 
 
+def read_positions(model: Path) -> dict[str, np.ndarray]:
+    """Camera centres [3] of a model in world space, by view name, whatever its lenses are. Raises ``DataError``."""
+    file = _file(model, "images")
+    assert file
+    return {view_name(image.name): -image.w2c[:3, :3].T @ image.w2c[:3, 3] for image in read_images(file)}
+
+
 def read_model_points(model: Path) -> ColmapPoints:
     """Sparse points of a model; none where it has no ``points3D`` file. Raises ``DataError``."""
     file = _file(model, "points3D")

@@ -207,12 +207,12 @@ def views_named(views: Sequence[View], names: Sequence[str]) -> list[View]:
 
 
 def view_name(file: str) -> str:
-    """View name of an image file as the data set spells it: no extension, no ``images`` folder, ``/`` becomes
-    ``_``. What follows the last dot is an extension if it begins with a letter: ``r_0.5`` has none."""
+    """View name of an image file as the data set spells it: no extension, no folder ``images`` or ``images_2``, ``/``
+    becomes ``_``. What follows the last dot is an extension if it begins with a letter: ``r_0.5`` has none."""
     path = Path(file.replace("\\", "/"))
     path = path.with_suffix("") if path.suffix[1:2].isalpha() else path
     parts = [part for part in path.parts if part not in (".", "..", "/")]
-    if len(parts) > 1 and parts[0].split("_")[0] == "images":
+    if len(parts) > 1 and re.fullmatch(r"images(_\d+)?", parts[0]):
         parts = parts[1:]
     return "_".join(parts)
 

@@ -18,7 +18,7 @@ from ..scene.cameras import Camera, opengl_c2w_to_opencv_w2c
 from ..support.errors import DataError
 from ..support.files import read_json
 from .check import require_plausible
-from .colmap import find_model, read_model_points, read_sources
+from .colmap import find_model, read_model_points, read_positions
 from .dataset import Dataset, every_eighth, held_out, no_points, require_unique_names, view_name, views_named
 from .images import image_size, is_file
 from .lens import Lens
@@ -225,8 +225,7 @@ def _points(file: Path, content: dict[str, Any], sources: list[ViewSource]) -> t
     model = find_model(file.parent)
     if model is None:
         return no_points()
-    colmap_sources, _ = read_sources(model, file.parent / "images")
-    position_of = {source.name: source.camera.position for source in colmap_sources}
+    position_of = read_positions(model)
     pairs = [(s.camera.position, position_of[s.name]) for s in sources if s.name in position_of]
     if not pairs:
         return no_points()

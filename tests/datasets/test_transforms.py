@@ -120,6 +120,18 @@ def test_points_come_from_the_named_ply_and_wrong_poses_are_caught_by_them(tmp_p
     assert "cloud.ply" in error_of(tmp_path)
 
 
+@pytest.mark.parametrize(("lens", "more"), [("PINHOLE", ()), ("FOV", (0.1,))])  # the second is none that is read
+def test_points_come_from_a_colmap_model_of_the_same_poses_whatever_its_lenses_are(tmp_path, lens, more):
+    transforms_folder(tmp_path)
+    points = colmap_folder(tmp_path / "colmap", camera=lens, params=(20, 20, 10.5, 7.5, *more)) * (1, 1, -1)
+    model = tmp_path / "colmap" / "sparse" / "0"
+    poses = "".join(f"{i} 0 1 0 0 {-0.2 * i} 0 0 7 r_{i}.png\n\n" for i in range(3))
+    (model / "images.txt").write_text(poses)
+    (model / "points3D.txt").write_text("".join(f"{k} {x} {y} {z} 0 0 0 1\n" for k, (x, y, z) in enumerate(points)))
+    read = load_dataset(tmp_path / "transforms.json")  # the folder itself is one of COLMAP
+    np.testing.assert_array_equal(read.points, points.astype(np.float32))
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [

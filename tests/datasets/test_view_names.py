@@ -4,7 +4,7 @@ import json
 
 import pytest
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.datasets.dataset import PICTURE_ENDS, require_unique_names
+from mi_dogsplat.datasets.dataset import PICTURE_ENDS, require_unique_names, view_name
 from mi_dogsplat.support.errors import DataError
 
 
@@ -18,6 +18,11 @@ def test_two_views_whose_pictures_would_have_the_same_name_are_one_line(tmp_path
 
 def test_names_that_end_so_and_meet_no_other_are_as_good_as_any(tmp_path):
     require_unique_names(tmp_path, ["a_gt", "b_error", "a_dogs", "_gt", "c", "C_gt", "gt", "c_plain_gt_2"])
+
+
+def test_only_the_folders_of_images_of_one_size_are_no_part_of_a_name():
+    files = ("images/0.png", "images_4/0.png", "images_left/0.png", "images_right/0.png", "left/images/0.png")
+    assert [view_name(file) for file in files] == ["0", "0", "images_left_0", "images_right_0", "left_images_0"]
 
 
 def test_names_of_pictures_fit_into_a_folder(tmp_path):

@@ -106,7 +106,9 @@ def test_the_add_on_offers_the_presets_of_the_package():
     assert [name for name, _, _ in ast.literal_eval(items)] == list(RECIPES)
 
 
-@pytest.mark.parametrize("file", ["images/a/b.JPG", "images_4/r_1.png", "./r_0.5", "r_0.25.png", "c\\d.e.jpg", "", "/"])
+@pytest.mark.parametrize(
+    "file", ["images/a/b.JPG", "images_4/r_1.png", "images_left/0.png", "./r_0.5", "r_0.25.png", "c\\d.e.jpg", "", "/"]
+)
 def test_cameras_have_the_names_of_views(addon, file):
     assert addon("cameras.camera").camera_name(file) == view_name(file)
 
