@@ -35,6 +35,7 @@ class DOGSPLAT_OT_exact_settings(bpy.types.Operator):
         view.use_curve_mapping = False
         if hasattr(view, "use_white_balance"):  # from Blender 4.3 on
             view.use_white_balance = False
+        scene.render.image_settings.color_management = "FOLLOW_SCENE"  # files may have view settings of their own
         scene.eevee.taa_render_samples = self.samples
         scene.render.filter_size = 0.01 if self.samples == 1 else 1.0
         if hasattr(scene, "cycles"):

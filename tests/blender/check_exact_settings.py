@@ -13,9 +13,11 @@ def linear(obj) -> bool:
 
 
 def test_models_of_this_file_get_exact_colors(scene, model, capfd):
-    obj = load(model)
+    obj, output = load(model), scene.render.image_settings
+    output.color_management = "OVERRIDE"
     assert linear(obj) and bpy.ops.dogsplat.exact_settings() == {"FINISHED"}
     assert not linear(obj) and scene.view_settings.view_transform == "Raw"
+    assert output.color_management == "FOLLOW_SCENE"
     assert "Warning" not in capfd.readouterr().out
 
 
