@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from ..scene.drawing import USUAL
+from ..scene.drawing import USUAL, value_of
 from ..scene.kinds import varying
 from ..scene.radiance import brightened
 from ..scene.sh_basis import C0
@@ -37,9 +37,9 @@ def write_model(
         sh_rows: keep the SH degrees of single primitives where the format can, the layout "rows" of ``write_ply``; else
             all get the coefficients of the highest, as all programs read them.
 
-    Raises ``DataError`` when the format or place cannot be written, for values that are not finite, for no primitives
-    where a format must have some, and for DoG primitives where it knows none (``export.bake.baked`` makes plain
-    Gaussians of them).
+    Raises ``DataError`` when the format or place cannot be written, for values that are not finite, for a drawing that
+    no reader would take, for no primitives where a format must have some, and for DoG primitives where it knows none
+    (``export.bake.baked`` makes plain Gaussians of them).
     """
     path = Path(path)
     chosen = format_to_write(path)
@@ -51,6 +51,10 @@ def write_model(
     if not splats.n_splats and not chosen.empty:
         problem = f"{chosen.name} has no room for a model without primitives"
         raise DataError(path, problem, "write one that has some, or a .ply")
+    for name, value in model.drawing.said().items():
+        if value_of(name, value) is None:
+            problem = f'"{name}" of the drawing is {value}, which no reader would take'
+            raise DataError(path, problem, "give another value")
     require_spz_version(path, chosen, spz_version)
     silent = chosen is SPZ and spz_version == 4 and bool(model.drawing.linear)  # its header has no room for a comment
     lost = what_is_lost(replace(SPZ, brightest=BRIGHTEST) if silent else chosen, model)

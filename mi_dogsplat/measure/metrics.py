@@ -12,6 +12,7 @@ But for ``masked`` all functions raise ``ValueError`` if shapes differ or a valu
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import flip_evaluator
@@ -58,7 +59,7 @@ def psnr(image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> f
     """Peak signal-to-noise ratio in dB for peak 1, at most ``PSNR_CAP`` (reached by identical images)."""
     a, b = _displayed(image, truth)
     mse = _mean((a - b) ** 2, mask)
-    return min(PSNR_CAP, -10 * np.log10(mse)) if mse > 0 else PSNR_CAP
+    return min(PSNR_CAP, -10 * math.log10(mse)) if mse > 0 else PSNR_CAP
 
 
 def ssim(image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> float:

@@ -24,7 +24,8 @@ BRUSH_UP = {"x": "x", "y": "-y", "z": "-z"}  # what Brush means by its vertical 
 
 @dataclass(frozen=True)
 class Drawing:
-    """How a model is to be drawn; None where its file says nothing."""
+    """How a model is to be drawn; None where its file says nothing. Numbers of NumPy become plain ones, which every
+    format can hold."""
 
     antialiased: bool | None = None
     """opacities are compensated for the screen-space low-pass filter (Mip-Splatting)"""
@@ -38,6 +39,11 @@ class Drawing:
     """metres of a unit of the model"""
     white: float | None = None
     """linear radiance that a screen shows as white"""
+
+    def __post_init__(self) -> None:
+        for name, value in self.said().items():
+            if hasattr(value, "tolist"):
+                object.__setattr__(self, name, value.tolist())  # it is frozen
 
     def over(self, other: Drawing) -> Drawing:
         """What this says, and ``other`` where this says nothing."""

@@ -9,12 +9,16 @@ draws boxes where we have one line, wants four packages, and ``dogsplat --help``
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NoReturn, get_args, get_type_hints
+from typing import Any, NoReturn, get_args, get_origin, get_type_hints
 
 from .errors import DataError
+
+WORDS = {bool: "True or False", int: "an integer", float: "a number", str: "a string"}
+PLURALS = {int: "integers", float: "numbers", str: "strings"}
 
 
 @dataclass(frozen=True)
@@ -36,16 +40,52 @@ def settings_of(kind: type) -> dict[str, tuple[Any, Setting]]:
 
 
 def check_settings(config: object) -> None:
-    """Raise ``DataError`` for the first field that is out of its range or none of its choices; None is always right."""
-    for name, (_, setting) in settings_of(type(config)).items():
-        value, least, most = getattr(config, name), setting.least, setting.most
-        if value is None:
+    """Raise ``DataError`` for the first field that is of another type than its own, out of its range or none of its
+    choices; None is always right.
+
+    Numbers of NumPy, paths and lists become what JSON can hold, as files of runs do: numbers, strings and tuples.
+    """
+    for name, (hint, setting) in settings_of(type(config)).items():
+        if getattr(config, name) is None:
             continue
+        value, least, most = _typed(name, getattr(config, name), hint), setting.least, setting.most
+        object.__setattr__(config, name, value)  # which may be frozen
         if setting.choices and value not in setting.choices:
             refuse(name, f'"{value}" is unknown', "use " + " or ".join(setting.choices))
         if not _in_range(value, setting):
             wanted = f"at least {least:g}" if most == math.inf else f"{least:g} to {most:g}"
             refuse(name, f"{value} is out of range", f"use {wanted}")
+
+
+def _typed(name: str, given: Any, hint: Any) -> Any:
+    """A value as one of the types that its field may have. Raises ``DataError``."""
+    value = given.tolist() if hasattr(given, "tolist") else given  # a number or an array of NumPy
+    value = os.fspath(value) if isinstance(value, os.PathLike) else value
+    options = (hint,) if get_origin(hint) is tuple else get_args(hint) or (hint,)
+    kinds = [kind for kind in options if kind is not type(None)]
+    for kind in kinds:
+        parts = get_args(kind)
+        if parts and isinstance(value, (tuple, list)) and len(value) == len(parts):
+            found = [_plain(part, of) for part, of in zip(value, parts, strict=True)]
+            if None not in found:
+                return tuple(found)
+        if not parts and (found := _plain(value, kind)) is not None:
+            return found
+    refuse(name, f"{given!r:.80} is of another type", "use " + " or ".join(map(_words, kinds)))
+
+
+def _plain(value: Any, kind: type) -> Any:
+    """A value of this type, of a number the nearest thing to it; None if it is of another one."""
+    if isinstance(value, bool) != (kind is bool):
+        return None
+    if kind is int and isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value if isinstance(value, kind) or (kind is float and isinstance(value, int)) else None
+
+
+def _words(kind: Any) -> str:
+    parts = get_args(kind)
+    return f"{len(parts)} {PLURALS[parts[0]]}" if parts else WORDS[kind]
 
 
 def unfit(kind: type, values: Mapping[str, Any]) -> str:

@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import foreign_model
 import numpy as np
@@ -100,6 +101,23 @@ def test_scales_that_a_format_cannot_say_are_told(tmp_path, suffix, low, high, s
     log_scales[0], log_scales[1], log_scales[2] = low - 2, (0, high + 1, 0), (0, 0, low - 2)  # the last is just flat
     lost = write_model(tmp_path / f"a{suffix}", replace(model, log_scales=log_scales))
     assert len(lost) == bool(said) and all(line.startswith(said) for line in lost)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".sog", ".glb"])
+def test_a_drawing_may_be_told_in_numbers_of_numpy(tmp_path, suffix):
+    told: dict[str, Any] = {"antialiased": np.True_, "near_clip": np.float32(0.25), "scale": np.float64(0.5)}
+    write_model(tmp_path / f"a{suffix}", Model(foreign_model.model(), Drawing(**told)))
+    read = read_model(tmp_path / f"a{suffix}").drawing
+    assert (read.antialiased, read.near_clip, read.scale) == (True, 0.25, 0.5)
+
+
+@pytest.mark.parametrize("told", [{"near_clip": -1.0}, {"white": 0.0}, {"up": "upwards"}, {"scale": float("nan")}])
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_a_drawing_that_no_reader_would_take_is_not_written(tmp_path, suffix, told: dict[str, Any]):
+    (name,) = told
+    with pytest.raises(DataError, match=f'"{name}" of the drawing is'):
+        write_model(tmp_path / f"a{suffix}", Model(foreign_model.model(), Drawing(**told)))
+    assert not list(tmp_path.iterdir())
 
 
 def test_not_antialiased_is_told_from_nothing_said(tmp_path):

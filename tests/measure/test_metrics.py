@@ -102,6 +102,10 @@ def test_identical_images_give_perfect_values_that_json_can_hold(pair):
     assert json.loads(json.dumps(values, allow_nan=False)) == values
 
 
+def test_values_are_plain_floats(pair):
+    assert {type(value) for value in metrics.evaluate(*pair).values()} == {float}
+
+
 def test_values_outside_the_display_range_count_as_clamped(pair):
     _, truth = pair
     white = np.ones(SHAPE, np.float32)

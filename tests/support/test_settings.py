@@ -1,9 +1,12 @@
 """Settings that are flags too: what is said about a field, and which values are refused."""
 
+import json
 import re
-from dataclasses import dataclass, fields
-from typing import Annotated
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any
 
+import numpy as np
 import pytest
 from mi_dogsplat.datasets.capture_config import CaptureConfig
 from mi_dogsplat.render.picture_options import PictureOptions
@@ -17,6 +20,9 @@ class Some:
     many: Annotated[int | None, Setting("how many", least=2)] = None
     share: Annotated[float, Setting("of all", "X", least=0, most=1)] = 0.5
     far_away: Annotated[str, Setting("which", choices=("a", "b"))] = "a"
+    size: Annotated[tuple[int, int] | None, Setting("of pictures")] = None
+    target: Annotated[str | float, Setting("what is left")] = "10%"
+    small: Annotated[bool, Setting("whether")] = False
     plain: int = 0
 
     def __post_init__(self) -> None:
@@ -25,7 +31,7 @@ class Some:
 
 def test_fields_say_their_type_and_what_they_are_for_in_order():
     found = settings_of(Some)
-    assert list(found) == ["many", "share", "far_away"]
+    assert list(found) == ["many", "share", "far_away", "size", "target", "small"]
     assert found["many"] == (int | None, Setting("how many", least=2)) and found["share"][1].metavar == "X"
 
 
@@ -48,11 +54,28 @@ def test_values_within_their_bounds_are_taken_and_so_is_none():
         ({"share": 1.5}, "--share: 1.5 is out of range; use 0 to 1"),
         ({"share": float("nan")}, "--share: nan is out of range; use 0 to 1"),
         ({"far_away": "c"}, '--far-away: "c" is unknown; use a or b'),
+        ({"many": 2.5}, "--many: 2.5 is of another type; use an integer"),
+        ({"many": "3"}, "--many: '3' is of another type; use an integer"),
+        ({"many": True}, "--many: True is of another type; use an integer"),
+        ({"size": (24, 18.5)}, "--size: (24, 18.5) is of another type; use 2 integers"),
+        ({"size": 24}, "--size: 24 is of another type; use 2 integers"),
+        ({"target": [5]}, "--target: [5] is of another type; use a string or a number"),
+        ({"small": "false"}, "--small: 'false' is of another type; use True or False"),
     ],
 )
 def test_other_values_are_one_line_that_names_the_flag(given, line):
     with pytest.raises(DataError, match=f"^{re.escape(line)}$"):
         Some(**given)
+
+
+def test_numbers_of_numpy_paths_and_lists_become_what_a_file_of_a_run_can_hold():
+    numbers: dict[str, Any] = {"many": np.int64(3), "share": np.float32(0.5), "target": np.int32(5), "small": np.True_}
+    others: dict[str, Any] = {"far_away": Path("a"), "size": [4.0, 3]}
+    some = Some(**numbers, **others)
+    assert some == Some(many=3, share=0.5, far_away="a", size=(4, 3), target=5, small=True)
+    assert json.loads(json.dumps(asdict(some)))["size"] == [4, 3]
+    arrays: dict[str, Any] = {"size": np.array([4, 3])}
+    assert Some(**arrays).size == (4, 3)
 
 
 @pytest.mark.parametrize(

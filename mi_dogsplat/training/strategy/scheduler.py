@@ -17,6 +17,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from ...support.wording import counted
 from ..milestones import scaled_milestone
 
 
@@ -29,7 +30,7 @@ def target_count(target: float, n: int) -> int:
         raise ValueError(f"the target {target:g} is neither a ratio between 0 and 1 nor a whole number of primitives")
     count = int(target) if target >= 1 else round(target * n)
     if count < 1:
-        raise ValueError(f"the target {target:g} of {n} primitives leaves none")
+        raise ValueError(f"the target {target:g} of {counted(n, 'primitive')} leaves none")
     if count >= n:
         raise ValueError(f"the target of {count} primitives is not below the {n} that there are")
     return count

@@ -277,7 +277,7 @@ def test_a_target_below_one_is_a_ratio_and_any_other_a_count():
         (100, 100, "100 primitives is not below the 100"),
         (5000, 100, "5000 primitives is not below the 100"),
         (0.999, 100, "100 primitives is not below the 100"),
-        (0.5, 1, "leaves none"),
+        (0.5, 1, "of 1 primitive leaves none"),
         (1, 1, "not below the 1"),
     ],
 )
