@@ -120,8 +120,8 @@ def write_misfits(
 ) -> None:  # fmt: skip
     """Write what does not fit among the views of a training of ``steps`` steps, evenly chosen where there are many."""
     start = time.monotonic()
-    most = max(LEAST_VIEWS, steps // PER_STEPS)
-    some = views[:: -(-len(views) // most)]
+    count = min(len(views), max(LEAST_VIEWS, steps // PER_STEPS))
+    some = [views[k * len(views) // count] for k in range(count)]
     quality, misfits = find_misfits(picture, some, background, masks, exposure)
     folder = out / Path(MISFITS).parent
     folder.mkdir(exist_ok=True)

@@ -26,7 +26,7 @@ from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints
 from .finish import finish
 from .history import run_to_end
-from .inputs import check_inputs, note_inputs
+from .inputs import PLACES, check_inputs, note_inputs
 from .resume import forget_results, restore_from, resume_run
 from .stopping import Stopped, StopRequest, stopped_with
 
@@ -151,8 +151,8 @@ def _begun(trainer: Trainer, out: Path, resume: bool) -> Iterator[None]:
         if resume:
             resume_run(trainer, out)
         else:
-            (out / CHECKPOINT).unlink(missing_ok=True)
-            (out / HISTORY).unlink(missing_ok=True)
+            for path in (CHECKPOINT, PLACES, HISTORY):  # old places beside new settings would be those of other data
+                (out / path).unlink(missing_ok=True)
         forget_results(out)
         write_json(out / CONFIG, dataclasses.asdict(trainer.config))
         note_inputs(trainer.config, out)

@@ -40,8 +40,14 @@ def state_of(trainer: WithState) -> dict[str, np.ndarray]:
     progress = {"step": np.array(trainer.step_count), "seconds": np.array(trainer.seconds), "format": np.array(FORMAT)}
     rng = json.dumps(trainer.rng.bit_generator.state)
     progress |= {"order": np.array(trainer.order, np.int64), "rng": np.array(rng)}
+    progress["views"] = np.array(_names(trainer))
     progress |= {"ended": np.array(trainer.ended), "pairs": np.array(trainer.memory.pairs if trainer.memory else 0)}
     return progress | {f"{part}.{name}": values for part in parts for name, values in parts[part].items()}
+
+
+def _names(trainer: WithState) -> list[str]:
+    """Of the training views."""
+    return [view.name for view in trainer.photographs.originals]
 
 
 def restore(trainer: WithState, state: Mapping[str, np.ndarray]) -> None:
@@ -53,6 +59,9 @@ def restore(trainer: WithState, state: Mapping[str, np.ndarray]) -> None:
         raise ValueError("it is of another version of mi_dogsplat")
     if "exposure.values" in state:
         raise ValueError("it has the affine colour maps of an earlier version")
+    # what is learned of views, and the order in which they come, go by their numbers
+    if "views" in state and state["views"].tolist() != _names(trainer):  # unknown to earlier versions
+        raise ValueError("its training views are not those of the data now")
 
     def part(prefix: str) -> dict[str, np.ndarray]:
         start = f"{prefix}."

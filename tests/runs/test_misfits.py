@@ -177,7 +177,11 @@ def test_a_report_says_that_there_are_none_and_nothing_of_a_run_that_did_not_loo
     assert found["misfits"] == {} and found["n_views"] == 12 and found["seconds"] > 0
 
 
-def test_of_many_views_some_are_looked_at(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr("mi_dogsplat.runs.misfits.LEAST_VIEWS", 4)
-    write_misfits(tmp_path, lambda view: scene[0][view.name], photographs(scene, True), 100, 0.0)
-    assert len(json.loads((tmp_path / MISFITS).read_text())["psnr"]) == 4
+@pytest.mark.parametrize("least, looked_at", [(4, 5), (7, 7), (11, 11), (12, 12), (13, 12)])
+def test_of_many_views_some_are_looked_at_evenly_spread(scene, tmp_path, monkeypatch, least, looked_at):
+    """One for every 20 of 100 steps, and ``least``; every second of twelve would be six where eleven are due."""
+    monkeypatch.setattr("mi_dogsplat.runs.misfits.LEAST_VIEWS", least)
+    write_misfits(tmp_path, lambda view: scene[0][view.name], photographs(scene, False), 100, 0.0)
+    places = [int(name) for name in json.loads((tmp_path / MISFITS).read_text())["psnr"]]
+    assert len(places) == looked_at
+    assert set(np.diff([*places, 12])) <= {12 // looked_at, -(-12 // looked_at)}

@@ -1,5 +1,6 @@
 """A run that was stopped goes on from its checkpoint as if nothing had happened."""
 
+import json
 import re
 import shutil
 import signal
@@ -221,6 +222,21 @@ def test_data_may_move_with_their_run_and_runs_of_older_versions_go_on(begun, mo
         resumes(replace(ONE_STEP, data="run"), tmp_path / "run")
 
 
+def test_a_run_that_is_killed_before_it_has_noted_its_data_goes_on_where_another_run_was(begun, monkeypatch, tmp_path):
+    """Else the settings would be its own, and the place that of the other's data."""
+    shutil.copytree(begun / "run", tmp_path / "run")
+    shutil.copytree(begun / "photos", tmp_path / "others")
+    config = replace(ONE_STEP, data=str(tmp_path / "others"))
+
+    def killed(*_):
+        raise ZeroDivisionError
+
+    with monkeypatch.context() as patch, pytest.raises(ZeroDivisionError):
+        patch.setattr(run, "note_inputs", killed)
+        run.train(config, tmp_path / "run")
+    assert run.train(config, tmp_path / "run", resume=True)["steps"] == 1
+
+
 def resumes(config, out) -> bool:
     """Whether a run goes on at its step; its data are read all the same."""
     trainer = SimpleNamespace(config=config, step_count=0, ended=False)
@@ -255,6 +271,24 @@ def test_a_checkpoint_of_another_kind_of_run_says_so(data, tmp_path):
     save_checkpoint(tmp_path / "checkpoint" / "state.npz", {"a": np.arange(3)})
     with pytest.raises(DataError, match="does not fit this run"):
         run.train(config_of(data), tmp_path, resume=True)
+
+
+@pytest.mark.parametrize("another", [False, True])
+def test_other_training_views_than_those_that_it_began_with_are_refused(data, tmp_path, another):
+    """One that has gone ended with a traceback; with one more, it went on without a word."""
+    folder = shutil.copytree(data, tmp_path / "photos")
+    with Interrupt(3), pytest.raises(Stopped):
+        run.train(config_of(folder), tmp_path / "run")
+    cameras = json.loads((folder / "transforms.json").read_text())
+    frames = cameras["frames"]
+    if another:
+        shutil.copy(folder / frames[1]["file_path"], folder / "another.png")
+        frames.insert(2, frames[1] | {"file_path": "another.png"})
+    else:
+        del frames[1]
+    (folder / "transforms.json").write_text(json.dumps(cameras))
+    with pytest.raises(DataError, match="training views are not those of the data now"):
+        run.train(config_of(folder), tmp_path / "run", resume=True)
 
 
 def test_primitives_that_can_never_be_seen_are_left_out_of_the_model(data, tmp_path, monkeypatch):
