@@ -25,7 +25,7 @@ FIRST_TAG = 252
 PER_ROW = 64  # entries of the palette
 META = "meta.json"
 SH_SIZES = (0, 3, 8, 15)  # coefficients by ``bands``, without the first
-BYTES = 4  # of a number of a model in memory; one without ``rest`` has 14 of them
+NUMBERS = 14  # of a primitive without ``rest``; a code each, as the bytes of SPZ are counted
 
 
 def read(path: Path) -> Model:
@@ -53,7 +53,7 @@ def files_beside(path: Path) -> list[Path]:
     """The pictures that a meta.json names, of a model that was read; none of a bundle."""
     if zipfile.is_zipfile(path):
         return []
-    parts = [part for part in parse_json(path.read_text(encoding="utf-8")).values() if isinstance(part, dict)]
+    parts = [part for part in parse_json(path.read_text(encoding="utf-8-sig")).values() if isinstance(part, dict)]
     names = {name for part in parts for name in part.get("files", ()) if isinstance(name, str)}
     return [path.parent / name for name in sorted(names) if Path(name).name == name]
 
@@ -84,7 +84,7 @@ class _Folder:
 
 
 def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
-    meta = parse_json(content(META).decode())
+    meta = parse_json(content(META).decode("utf-8-sig"))  # editors of Windows begin a file with a mark
     if meta.get("version") != 2:
         raise DataError(path, f"is SOG of version {meta.get('version', 1)}", "convert it to version 2")
     n = meta["count"]
@@ -103,7 +103,7 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
         return found[:n]
 
     rest = SH_SIZES[meta["shN"].get("bands", 3)] if "shN" in meta else 0
-    require_proportion(path, n * BYTES * (14 + 3 * rest), size)
+    require_proportion(path, n * (NUMBERS + 3 * rest), size)
     low, high = (_numbers(meta["means"][end], 3) for end in ("mins", "maxs"))
     logs = low + (high - low) * (pixels("means", 0)[:, :3] + 256.0 * pixels("means", 1)[:, :3]) / 65535
     quats, sh0 = pixels("quats"), pixels("sh0")

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import Drawing, Model, Splats, read_model, write_model, write_ply
 from mi_dogsplat.formats.packing import unit_quats
-from mi_dogsplat.formats.read import read_source
+from mi_dogsplat.formats.read import read_source, size_of
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.scene.drawing import comments_of, drawing_of
 from mi_dogsplat.scene.orientation import AXES
@@ -100,6 +100,20 @@ def test_scales_that_a_format_cannot_say_are_told(tmp_path, suffix, low, high, s
     log_scales[0], log_scales[1], log_scales[2] = low - 2, (0, high + 1, 0), (0, 0, low - 2)  # the last is just flat
     lost = write_model(tmp_path / f"a{suffix}", replace(model, log_scales=log_scales))
     assert len(lost) == bool(said) and all(line.startswith(said) for line in lost)
+
+
+@pytest.mark.parametrize(("farthest", "moved"), [(1000.0, 0), (1e6, foreign_model.N), (1e8, foreign_model.N)])
+def test_a_primitive_far_away_that_leaves_spz_no_room_for_the_others_is_told(tmp_path, farthest, moved):
+    model = foreign_model.model()
+    means = model.means.copy()
+    means[0, 0] = farthest
+    tiny = replace(model, means=means, log_scales=np.full_like(model.log_scales, -9))
+    lost = write_model(tmp_path / "a.spz", tiny)
+    back = read_model(tmp_path / "a.spz").splats.means
+    away = np.abs(back[:, None] - means[None]).max(axis=-1).min(axis=0)  # [N] from each to any in the file
+    assert (away > np.exp(-9)).sum() == moved
+    said = f"SPZ has 24 bits for a coordinate: with one of {farthest:.3g} it moves {moved} primitives by more than "
+    assert lost == ([said + "their size"] if moved else [])
 
 
 def test_not_antialiased_is_told_from_nothing_said(tmp_path):
@@ -191,6 +205,13 @@ def test_content_tells_a_format_before_the_name_does(tmp_path, suffix):
         path = tmp_path / name
 
 
+def test_a_compressed_ply_is_one_after_long_comments(tmp_path):
+    path = written(tmp_path / "a.compressed.ply", foreign_model.model())
+    expected = read_model(path).splats
+    path.write_bytes(path.read_bytes().replace(b"element chunk", b"comment licence\n" * 1000 + b"element chunk", 1))
+    assert np.array_equal(read_model(path).splats.means, expected.means)
+
+
 @pytest.mark.parametrize("start", [b"{", b" {", b"\x1f\x8b"])
 def test_a_splat_that_begins_as_other_files_do_is_one_by_its_name(tmp_path, start):
     """It has no first bytes of its own, but a number."""
@@ -205,6 +226,9 @@ def test_an_unbundled_sog_is_read_from_its_meta(tmp_path):
     bundled = read_model(foreign_model.FOLDER / "model.sog").splats
     assert np.array_equal(read_model(tmp_path / "meta.json").splats.means, bundled.means)
     meta = (tmp_path / "meta.json").read_text()
+    (tmp_path / "meta.json").write_text("\ufeff" + meta)  # as editors of Windows do
+    assert np.array_equal(read_model(tmp_path / "meta.json").splats.means, bundled.means)
+    assert size_of(tmp_path / "meta.json") > 3 + len(meta)
     (tmp_path / "meta.json").write_text(meta.replace("sh0.webp", "../sh0.webp"))
     with pytest.raises(DataError, match="no name of a file beside it"):
         read_model(tmp_path / "meta.json")
@@ -297,6 +321,13 @@ def test_many_primitives_of_few_colours_cannot_either(tmp_path):
             bundle.writestr(name, one.getvalue())
     with pytest.raises(DataError, match="which no model compresses to"):
         read_model(model)
+
+
+@pytest.mark.parametrize("suffix", [".sog", ".spz"])
+def test_a_model_that_compresses_to_almost_nothing_is_read_again(tmp_path, suffix):
+    """As that of a regular grid of points is."""
+    model = foreign_model.model().uniform_sh(3).select(np.zeros(70_000, int))
+    assert read_model(written(tmp_path / f"a{suffix}", model)).splats.n_splats == 70_000
 
 
 def _replace_in_sog(folder: Path, name: str, content: bytes) -> Path:
