@@ -116,6 +116,16 @@ def test_a_primitive_far_away_that_leaves_spz_no_room_for_the_others_is_told(tmp
     assert lost == ([said + "their size"] if moved else [])
 
 
+@pytest.mark.parametrize("suffix", [".sog", ".spz", ".compressed.ply"])
+def test_places_farther_apart_than_float32_can_say_are_written(tmp_path, suffix):
+    model = foreign_model.model()
+    means = model.means.copy()
+    means[:2, 0] = 3e38, -3e38
+    back = read_model(written(tmp_path / f"a{suffix}", replace(model, means=means))).splats.means[:, 0]
+    farthest = 2.0**23 if suffix == ".spz" else 3e38
+    assert np.sort(back)[[0, -1]] == pytest.approx([-farthest, farthest], rel=1e-2)
+
+
 def test_not_antialiased_is_told_from_nothing_said(tmp_path):
     model = foreign_model.model()
     for suffix in (".ply", ".sog", ".glb", ".compressed.ply"):
