@@ -109,17 +109,17 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
     quats, sh0 = pixels("quats"), pixels("sh0")
     if n and quats[:, 3].min() < FIRST_TAG:
         raise ValueError("a quaternion names no component as its largest")
-    sh = _numbers(meta["sh0"]["codebook"])[sh0[:, :3]][:, None]  # [N, 1, 3]
+    sh = _table(meta["sh0"]["codebook"])[sh0[:, :3]][:, None]  # [N, 1, 3]
     if "shN" in meta:
         entry = picture("shN")[..., :3]  # [rows, PER_ROW (K - 1), 3]
         entry = entry.reshape(-1, rest, 3) if entry.shape[1] == PER_ROW * rest else entry[:0]
         label = pixels("shN", 1).astype(np.int64)
-        table = _numbers(meta["shN"]["codebook"])
+        table = _table(meta["shN"]["codebook"])
         sh = np.concatenate([sh, table[entry[label[:, 0] + 256 * label[:, 1]]].reshape(n, rest, 3)], axis=1)
     wxyz = from_smallest_three(quats[:, 3].astype(np.int64) - FIRST_TAG, (quats[:, :3] / 127.5 - 1) / SQRT2)
     splats = Splats(
         means=np.sign(logs) * np.expm1(np.abs(logs)),
-        log_scales=_numbers(meta["scales"]["codebook"])[pixels("scales")[:, :3]],
+        log_scales=_table(meta["scales"]["codebook"])[pixels("scales")[:, :3]],
         quats=wxyz[:, [1, 2, 3, 0]],
         logit_opacities=logits(sh0[:, 3] / 255),
         sh_coeffs=sh,
@@ -133,6 +133,16 @@ def _numbers(values: Any, count: int | None = None) -> Array:
     if found.ndim != 1 or (count and len(found) != count):
         raise ValueError(f"a list of {count or ''} numbers expected, found {str(values)[:40]}")
     return found
+
+
+def _table(values: Any) -> Array:
+    """A codebook. splat-transform has written null, its JSON of -∞ or NaN, for the first of increasing values.
+
+    PlayCanvas takes one mean step below the second for it, and so does this.
+    """
+    if isinstance(values, list) and len(values) > 2 and values[0] is None:
+        values = [values[1] - (values[-1] - values[1]) / (len(values) - 1), *values[1:]]
+    return _numbers(values)
 
 
 def _pixels(path: Path, size: int, data: bytes) -> Array:

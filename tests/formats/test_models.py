@@ -282,6 +282,24 @@ def test_where_nothing_can_be_written_is_said_before_anything_is_made_of_a_model
     assert list(tmp_path.iterdir()) == [model]
 
 
+@pytest.mark.parametrize("part", ["scales", "sh0", "shN"])
+def test_a_first_value_of_a_sog_that_is_null_is_a_step_below_the_second(tmp_path, part):
+    """As PlayCanvas takes it; JSON has no -∞."""
+    model = _replace_in_sog(tmp_path, "", b"")
+    with zipfile.ZipFile(model) as bundle:
+        files = {name: bundle.read(name) for name in bundle.namelist()}
+    meta = json.loads(files["meta.json"])
+    table = meta[part]["codebook"] = np.linspace(-3, 0.5, 256).tolist()
+    for first in (table[1] - (table[255] - table[1]) / 255, None):
+        table[0] = first
+        with zipfile.ZipFile(tmp_path / f"{first is None}.sog", "w") as bundle:
+            for name, content in files.items():
+                bundle.writestr(name, json.dumps(meta) if name == "meta.json" else content)
+    found, wanted = (read_model(tmp_path / f"{null}.sog").splats for null in (True, False))
+    for name in ("log_scales", "sh_coeffs"):
+        assert np.array_equal(getattr(found, name), getattr(wanted, name)), name
+
+
 def test_a_small_file_cannot_claim_much_memory(tmp_path):
     header = struct.pack("<IIIBBBB", 0x5053474E, 3, 40_000_000, 3, 12, 0, 0)
     (tmp_path / "bomb.spz").write_bytes(gzip.compress(header + bytes(1000)))
