@@ -24,6 +24,7 @@ _DC = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
+_FILTER = ("filter_3D",)
 _LARGEST_LOGIT = math.log(1e6 - 1)  # of an opacity of 1 - 1e-6
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 _CUT = ("cut_0", "cut_1", "cut_2")
@@ -66,11 +67,12 @@ def read_ply(path: str | Path) -> Model:
     means = _columns(path, tables, "vertex", _POSITION)
     rest = _rest_columns(path, tables, n_rest)
     is_dog, dog = _dog_columns(path, tables, len(means))
+    log_scales, logit_opacities = _scales_and_opacities(path, tables)
     return Model(
         means=means,
-        log_scales=_columns(path, tables, "vertex", _SCALE),
+        log_scales=log_scales,
         quats=_columns(path, tables, "vertex", _ROTATION),
-        logit_opacities=_columns(path, tables, "vertex", ("opacity",))[:, 0],
+        logit_opacities=logit_opacities,
         sh_coeffs=np.concatenate([_columns(path, tables, "vertex", _DC)[:, None], rest], axis=1),
         is_dog=is_dog,
         dog_logit_opacities=dog[:, 0],
@@ -152,6 +154,21 @@ def _columns(path: Path, tables: dict[str, np.ndarray], element: str, names: tup
         problem = '"{name}" in row {row} of the element "{element}" is not finite'
         raise FileError(path, problem, _DAMAGED, name=names[column], row=row, element=element)
     return out
+
+
+def _scales_and_opacities(path: Path, tables: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Log scales [N, 3] and logits of opacities [N]; Mip-Splatting's column ``filter_3D`` widens its primitive."""
+    scales, logits = (_columns(path, tables, "vertex", names) for names in (_SCALE, ("opacity",)))
+    if _FILTER[0] not in (tables["vertex"].dtype.names or ()):
+        return scales, logits[:, 0]
+    widths = _columns(path, tables, "vertex", _FILTER).astype(np.float64)  # [N, 1]
+    before, raw = scales.astype(np.float64), logits[:, 0].astype(np.float64)
+    with np.errstate(divide="ignore"):  # log 0 = -inf is what it is meant to be
+        after = np.logaddexp(2 * before, 2 * np.log(np.abs(widths))) / 2
+        log_opacities = (before - after).sum(axis=1) - np.logaddexp(0, -raw)
+        faded = log_opacities - np.log(-np.expm1(log_opacities))
+    faded = np.clip(faded, -np.inf, max(_LARGEST_LOGIT, raw.max(initial=0)))
+    return after.astype(np.float32), np.where(widths[:, 0] == 0, raw, faded).astype(np.float32)
 
 
 def _dog_columns(path: Path, tables: dict[str, np.ndarray], n: int) -> tuple[np.ndarray, np.ndarray]:

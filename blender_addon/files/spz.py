@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ GZIP = b"\x1f\x8b"
 ANTIALIASED = 1  # flag
 _HEADER = struct.Struct("<IIIBBBB")  # magic, version, splats, SH degree, fraction bits, flags, reserved
 _MAGIC = 0x5053474E
-_MOST = 64  # times the bytes of the file: no model is compressed to less
+_FREE, _MOST = 16 << 20, 64  # bytes that any file may become, and times its own: no model is compressed to less
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components beside the largest
 # SPZ is in axes right, up, back; files of 3DGS are in right, down, forward. Signs of the basis functions of SH:
 _SIGNS = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
@@ -48,9 +49,11 @@ def read_spz(path: str | Path) -> tuple[Model, bool]:
             raise FileError(path, _VERSION, "convert it, or install the package", version=version)
         sizes = (9, 1, 3, 3, 3 if version == 2 else 4, 3 * ((degree + 1) ** 2 - 1))
         need = n * sum(sizes)
-        if need > (4 << 20) + _MOST * len(data):
+        if need > _FREE + _MOST * len(data):
             raise FileError(path, "{size} bytes cannot hold {n} splats", _AGAIN, size=len(data), n=n)
         body = inflate.decompress(inflate.unconsumed_tail, need) if need else b""
+        if len(body) == need:
+            _to_the_end(path, inflate, len(data))
     except OSError as error:
         remedy = "check the path and its permissions"
         raise FileError(path, "cannot be read ({reason})", remedy, reason=error.strerror) from error
@@ -79,6 +82,18 @@ def read_spz(path: str | Path) -> tuple[Model, bool]:
         **{name: values for group in GROUPS for name, values in group.of_none(n).items()},
     )
     return model, bool(flags & ANTIALIASED)
+
+
+def _to_the_end(path: Path, inflate: Any, size: int) -> None:
+    """Read on to the check sum of a gzip stream of ``size`` bytes, which zlib compares with all that was read."""
+    left = _FREE + _MOST * size  # bytes: records of extensions may follow
+    while not inflate.eof and left > 0:
+        more = inflate.decompress(inflate.unconsumed_tail, 1 << 16)
+        left -= len(more)
+        if not more:
+            break
+    if not inflate.eof:
+        raise FileError(path, "its gzip stream ends before its check sum", _AGAIN)
 
 
 def _first_three(raw: np.ndarray) -> np.ndarray:

@@ -75,6 +75,7 @@ MESSAGES = {
     "convert it, or install the package": "umwandeln, oder das Paket installieren",
     "{size} bytes cannot hold {n} splats": "{size} Bytes können keine {n} Splats enthalten",
     "{n} splats need {need} bytes, the file has {size}": "{n} Splats brauchen {need} Bytes, die Datei hat {size}",
+    "its gzip stream ends before its check sum": "sein gzip-Strom endet vor seiner Prüfsumme",
     "no gzip stream of an SPZ file ({reason})": "kein gzip-Strom einer SPZ-Datei ({reason})",
     "only the package reads this format, and {reason}": "nur das Paket liest dieses Format, und: {reason}",
     "install the package mi_dogsplat[export] and name its command in the preferences, or convert it to PLY": (

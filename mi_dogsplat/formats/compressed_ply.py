@@ -49,8 +49,8 @@ def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
         low, high = _bounds(values)  # [chunks, 3] each
         bounds += [low, high]
         chunk = np.arange(n) // CHUNK
-        extent = (high - low).astype(np.float64)[chunk]
-        words.append(_packed((values - low[chunk]) / np.where(extent > 0, extent, 1), layout))
+        extent = (high.astype(np.float64) - low)[chunk]  # float32 may hold no difference
+        words.append(_packed((values.astype(np.float64) - low[chunk]) / np.where(extent > 0, extent, 1), layout))
     largest, three = smallest_three(unit_quats(splats)[:, [3, 0, 1, 2]])
     rotations = (largest.astype(np.uint32) << 30) | _packed(three / SQRT2 + 0.5, BITS_OF_ROTATION)
     words[2] |= _packed(splats.opacities[:, None], ((0, 8),))

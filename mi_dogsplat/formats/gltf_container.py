@@ -39,7 +39,7 @@ class Container:
         data = path.read_bytes()
         try:
             if data[:4] != MAGIC.to_bytes(4, "little"):
-                return cls(path, parse_json(data.decode()))
+                return cls(path, parse_json(data.decode("utf-8-sig")))  # editors of Windows begin a file with a mark
             _, version, whole, length, kind = struct.unpack_from("<IIIII", data)
             if version != VERSION or kind != JSON_CHUNK:
                 raise ValueError(f"version {version}")

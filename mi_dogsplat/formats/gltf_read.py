@@ -21,6 +21,7 @@ from ..scene.orientation import UP, placement
 from ..scene.splats import Array, Splats
 from ..scene.transform import mean_scale, transformed
 from ..support.errors import DataError
+from ..support.wording import printable
 from .gltf_container import Container, entry, matrix_of
 from .limits import FREE, RATIO
 from .model import Model
@@ -140,7 +141,8 @@ def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model
     scales = values[f"{NAME}:SCALE"].astype(np.float64)
     if scales.min(initial=1) < 0:
         raise ValueError("a scale is negative")
-    left_out = () if extension.get("kernel", "ellipse") == "ellipse" else (f"its kernel {extension['kernel']}",)
+    kernel = extension.get("kernel", "ellipse")
+    left_out = () if kernel == "ellipse" else (f"its kernel {printable(str(kernel))[:60]}",)
     splats = Splats(
         means=values["POSITION"],
         log_scales=np.log(np.maximum(scales, SMALLEST_SCALE)),

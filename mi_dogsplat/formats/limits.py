@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..support.errors import DataError
 
-FREE, RATIO = 4 << 20, 64  # bytes that any file may become, and bytes for each of its own; models become 2 to 20 times
+FREE, RATIO = 16 << 20, 64  # bytes that any file may become, and bytes for each of its own; models become 2 to 20 times
 
 
 def require_proportion(path: Path, unpacked: int, packed: int) -> None:

@@ -76,7 +76,7 @@ def morton_order(means: Array) -> Array:
     """Order [N] of positions [N, 3] along a Z-shaped curve: neighbours in a file are then neighbours in space."""
     if not len(means):
         return np.zeros(0, np.int64)
-    low, high = means.min(axis=0), means.max(axis=0)
+    low, high = (end(means, axis=0).astype(np.float64) for end in (np.min, np.max))  # float32 may hold no difference
     cells = (means.astype(np.float64) - low) / np.maximum(high - low, 1e-30) * (2**MORTON_BITS - 1)  # [N, 3]
     bits = (cells.astype(np.int64)[..., None] >> np.arange(MORTON_BITS)) & 1  # [N, 3, MORTON_BITS]
     weights = 1 << (3 * np.arange(MORTON_BITS) + np.arange(3)[:, None])  # [3, MORTON_BITS]

@@ -18,7 +18,7 @@ from .model import Model, require_finite
 from .packing import turned
 from .table import COMPRESSED_PLY, FORMATS, GLB, GLTF, PLY, SOG, SPLAT, SPZ, Format
 
-HEAD = 4096  # bytes that are looked at first
+HEAD = 1 << 16  # bytes that are looked at first: comments of a PLY may be long
 ZIP, DEFLATED = b"PK\x03\x04", spz_container.GZIP + b"\x08"  # the only method that gzip has
 MODEL_NAMES = f"a model ({' '.join(FORMATS)}, or the {sog_read.META} of SOG)"
 
@@ -104,14 +104,14 @@ def format_of(path: Path) -> Format:
 
 def _by_content(path: Path, head: bytes) -> Format | None:
     if head[:4] in (b"ply\n", b"ply\r"):
-        return COMPRESSED_PLY if b"packed_position" in head else PLY
+        return COMPRESSED_PLY if b"packed_position" in head.partition(b"end_header")[0] else PLY
     if head[:4] == gltf_container.MAGIC.to_bytes(4, "little"):
         return GLB
     if head[:3] == DEFLATED or head[:4] == spz_container.NGSP:
         return SPZ
     if head[:4] == ZIP:
         return SOG
-    if head.lstrip()[:1] == b"{" and path.suffix.lower() != ".gltf" and _is_text(head):
+    if head.removeprefix(codecs.BOM_UTF8).lstrip()[:1] == b"{" and path.suffix.lower() != ".gltf" and _is_text(head):
         return SOG if path.name.lower() == sog_read.META or is_sog_meta(path) else GLB
     return None
 
@@ -128,7 +128,7 @@ def _is_text(head: bytes) -> bool:
 def is_sog_meta(path: Path) -> bool:
     """Whether a JSON file is that of SOG; whoever reads it says what is wrong with one that is broken."""
     try:
-        content = parse_json(path.read_text(encoding="utf-8"))
+        content = parse_json(path.read_text(encoding="utf-8-sig"))
     except ValueError:
         return False
     return isinstance(content, dict) and "means" in content

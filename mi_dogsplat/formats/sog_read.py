@@ -25,7 +25,7 @@ FIRST_TAG = 252
 PER_ROW = 64  # entries of the palette
 META = "meta.json"
 SH_SIZES = (0, 3, 8, 15)  # coefficients by ``bands``, without the first
-BYTES = 4  # of a number of a model in memory; one without ``rest`` has 14 of them
+NUMBERS = 14  # of a primitive without ``rest``; a code each, as the bytes of SPZ are counted
 
 
 def read(path: Path) -> Model:
@@ -53,7 +53,7 @@ def files_beside(path: Path) -> list[Path]:
     """The pictures that a meta.json names, of a model that was read; none of a bundle."""
     if zipfile.is_zipfile(path):
         return []
-    parts = [part for part in parse_json(path.read_text(encoding="utf-8")).values() if isinstance(part, dict)]
+    parts = [part for part in parse_json(path.read_text(encoding="utf-8-sig")).values() if isinstance(part, dict)]
     names = {name for part in parts for name in part.get("files", ()) if isinstance(name, str)}
     return [path.parent / name for name in sorted(names) if Path(name).name == name]
 
@@ -84,7 +84,7 @@ class _Folder:
 
 
 def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
-    meta = parse_json(content(META).decode())
+    meta = parse_json(content(META).decode("utf-8-sig"))  # editors of Windows begin a file with a mark
     if meta.get("version") != 2:
         raise DataError(path, f"is SOG of version {meta.get('version', 1)}", "convert it to version 2")
     n = meta["count"]
@@ -103,23 +103,23 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
         return found[:n]
 
     rest = SH_SIZES[meta["shN"].get("bands", 3)] if "shN" in meta else 0
-    require_proportion(path, n * BYTES * (14 + 3 * rest), size)
+    require_proportion(path, n * (NUMBERS + 3 * rest), size)
     low, high = (_numbers(meta["means"][end], 3) for end in ("mins", "maxs"))
     logs = low + (high - low) * (pixels("means", 0)[:, :3] + 256.0 * pixels("means", 1)[:, :3]) / 65535
     quats, sh0 = pixels("quats"), pixels("sh0")
     if n and quats[:, 3].min() < FIRST_TAG:
         raise ValueError("a quaternion names no component as its largest")
-    sh = _numbers(meta["sh0"]["codebook"])[sh0[:, :3]][:, None]  # [N, 1, 3]
+    sh = _table(meta["sh0"]["codebook"])[sh0[:, :3]][:, None]  # [N, 1, 3]
     if "shN" in meta:
         entry = picture("shN")[..., :3]  # [rows, PER_ROW (K - 1), 3]
         entry = entry.reshape(-1, rest, 3) if entry.shape[1] == PER_ROW * rest else entry[:0]
         label = pixels("shN", 1).astype(np.int64)
-        table = _numbers(meta["shN"]["codebook"])
+        table = _table(meta["shN"]["codebook"])
         sh = np.concatenate([sh, table[entry[label[:, 0] + 256 * label[:, 1]]].reshape(n, rest, 3)], axis=1)
     wxyz = from_smallest_three(quats[:, 3].astype(np.int64) - FIRST_TAG, (quats[:, :3] / 127.5 - 1) / SQRT2)
     splats = Splats(
         means=np.sign(logs) * np.expm1(np.abs(logs)),
-        log_scales=_numbers(meta["scales"]["codebook"])[pixels("scales")[:, :3]],
+        log_scales=_table(meta["scales"]["codebook"])[pixels("scales")[:, :3]],
         quats=wxyz[:, [1, 2, 3, 0]],
         logit_opacities=logits(sh0[:, 3] / 255),
         sh_coeffs=sh,
@@ -133,6 +133,16 @@ def _numbers(values: Any, count: int | None = None) -> Array:
     if found.ndim != 1 or (count and len(found) != count):
         raise ValueError(f"a list of {count or ''} numbers expected, found {str(values)[:40]}")
     return found
+
+
+def _table(values: Any) -> Array:
+    """A codebook. splat-transform has written null, its JSON of -∞ or NaN, for the first of increasing values.
+
+    PlayCanvas takes one mean step below the second for it, and so does this.
+    """
+    if isinstance(values, list) and len(values) > 2 and values[0] is None:
+        values = [values[1] - (values[-1] - values[1]) / (len(values) - 1), *values[1:]]
+    return _numbers(values)
 
 
 def _pixels(path: Path, size: int, data: bytes) -> Array:

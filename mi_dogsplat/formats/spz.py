@@ -58,8 +58,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     """The file of a model of plain Gaussians that is in RUB axes; values out of range are clamped."""
     n, degree = splats.n_splats, splats.sh_degree
     bits = fraction_bits(splats)
-    fixed = np.round(splats.means.astype(np.float64) * 2**bits)
-    fixed = np.clip(fixed, -(2**23), 2**23 - 1).astype("<i4")  # [N, 3]
+    fixed = _fixed(splats, bits)  # [N, 3]
     positions = fixed.view(np.uint8).reshape(n, 3, 4)[..., :3]
     dc = shown(splats.sh_coeffs[:, 0]) if drawing.linear else splats.sh_coeffs[:, 0]
     colors = dc * (COLOR_SCALE * 255) + 127.5
@@ -145,9 +144,32 @@ def fraction_bits(splats: Splats) -> int:
     """
     if splats.n_splats == 0:
         return FRACTION_BITS
-    room = 23 - math.frexp(float(np.abs(splats.means).max()))[1]
+    return max(0, min(_wanted_bits(splats), _room(splats)))
+
+
+def moved(splats: Splats) -> Array:
+    """[N] whether a primitive leaves its place by more than its size, where positions leave no room for finer ones."""
+    if splats.n_splats == 0 or _room(splats) >= _wanted_bits(splats):
+        return np.zeros(splats.n_splats, bool)
+    bits = fraction_bits(splats)
+    away = np.abs(_fixed(splats, bits) / 2.0**bits - splats.means).max(axis=1)
+    return away > splats.scales.max(axis=1)
+
+
+def _fixed(splats: Splats, bits: int) -> Array:
+    """Codes of positions, int32 [N, 3]."""
+    return np.clip(np.round(splats.means.astype(np.float64) * 2**bits), -(2**23), 2**23 - 1).astype("<i4")
+
+
+def _wanted_bits(splats: Splats) -> int:
+    """Of the fraction, with whatever room."""
     grid = math.ceil(-math.log2(max(Steps.position * Extents.of(splats).small, 2.0**-MOST_BITS)))
-    return max(0, min(max(FRACTION_BITS, grid + 1), room, MOST_BITS))
+    return min(max(FRACTION_BITS, grid + 1), MOST_BITS)
+
+
+def _room(splats: Splats) -> int:
+    """Bits that the largest coordinate leaves."""
+    return 23 - math.frexp(float(np.abs(splats.means).max()))[1]
 
 
 def _gzip(parts: list[bytes], comment: str = "") -> bytes:

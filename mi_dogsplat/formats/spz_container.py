@@ -26,6 +26,7 @@ MAX_DEGREE = 4
 FIXED, FEXTRA, FNAME, FCOMMENT = 10, 4, 8, 16  # bytes of the header of gzip, and flags of its optional fields
 GZIP, NGSP = b"\x1f\x8b", b"NGSP"
 ATTRIBUTES = ("positions", "opacities", "colors", "scales", "rotations", "sh")
+PIECE = 1 << 16  # bytes that are read at a time, of what is not kept
 LEVEL = 12  # of Zstandard, as the reference encoder's
 AGAIN = "the file is damaged: copy or export it again"
 
@@ -63,6 +64,8 @@ def unwrapped(path: Path, data: bytes) -> Payload:
         need = n * sum(sizes.values())
         require_proportion(path, need, len(data))
         body = inflate.decompress(inflate.unconsumed_tail, need) if need else b""
+        if len(body) == need:
+            _to_the_end(path, inflate, need, len(data))
     except (zlib.error, struct.error) as error:
         raise DataError(path, f"its gzip stream holds no SPZ data ({error})", AGAIN) from error
     if len(body) != need:
@@ -72,6 +75,21 @@ def unwrapped(path: Path, data: bytes) -> Payload:
         attributes[name] = body[at : at + n * size]
         at += n * size
     return Payload(version, n, degree, bits, flags, attributes, tuple(_comment(data).splitlines()))
+
+
+def _to_the_end(path: Path, inflate: Any, before: int, packed: int) -> None:
+    """Read on to the check sum of a gzip stream, which zlib compares with all that was read. Raises ``DataError``.
+
+    Args:
+        before: bytes that it has given so far; records of extensions may follow.
+        packed: bytes of the file.
+    """
+    while not inflate.eof:
+        more = inflate.decompress(inflate.unconsumed_tail, PIECE)
+        if not more and not inflate.eof:
+            raise DataError(path, "its gzip stream ends before its check sum", AGAIN)
+        before += len(more)
+        require_proportion(path, before, packed)
 
 
 def with_comment(data: bytes, comment: str) -> bytes:

@@ -28,7 +28,8 @@ class Format:
     single ones. empty: it may hold no primitive at all. sh_degree: the highest that it holds.
     order: in which primitives compress best; None: it does not matter. in_white: linear colours are in units of white
     in the file, as its codes are made for 0 to 1. brightest: of colours, in these units, which it can say.
-    log_scales: the least and the greatest that it can say.
+    log_scales: the least and the greatest that it can say. moved: which primitives [N] it puts elsewhere, by more than
+    their size.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Format:
     in_white: bool = False
     brightest: float = math.inf
     log_scales: tuple[float, float] = (-math.inf, math.inf)
+    moved: Callable[[Splats], Array] | None = None
 
 
 def _read_ply(path: Path) -> Model:
@@ -101,6 +103,7 @@ SPZ = Format(
     in_white=True,
     brightest=spz.LINEAR_BRIGHTEST,
     log_scales=spz.LOG_SCALES,
+    moved=spz.moved,
 )
 SOG = Format(
     "SOG",

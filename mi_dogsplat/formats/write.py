@@ -6,7 +6,13 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+<<<<<<< HEAD
 from ..scene.drawing import USUAL, value_of
+=======
+import numpy as np
+
+from ..scene.drawing import USUAL
+>>>>>>> e857953240581cdab486f9ea9a0ea01bf2b98f7f
 from ..scene.kinds import varying
 from ..scene.radiance import brightened
 from ..scene.sh_basis import C0
@@ -119,6 +125,10 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     if n := int(((largest < least - CLAMPED) | (largest > most + CLAMPED)).sum()):
         sizes = f"below {math.exp(least):.3g} or above {math.exp(most):.3g}"
         lost.append(f"{chosen.name} has no scales {sizes}, to which it clamps {counted(n, 'primitive')}")
+    if chosen.moved and (n := int(chosen.moved(model.splats).sum())):
+        farthest = f"{np.abs(model.splats.means).max():.3g}"
+        what = f"moves {counted(n, 'primitive')} by more than their size"
+        lost.append(f"{chosen.name} has 24 bits for a coordinate: with one of {farthest} it {what}")
     if model.drawing.linear and math.isfinite(chosen.brightest):
         most = chosen.brightest * (model.drawing.white or 1.0)
         if n := int((0.5 + C0 * model.splats.sh_coeffs[:, 0] > most).any(axis=1).sum()):

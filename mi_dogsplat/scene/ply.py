@@ -14,8 +14,9 @@ A model whose primitives have SH degrees of their own is padded with zeros to th
 that there is (uint index, float f_rest_*, channel-major as in ``vertex``), one row per primitive of that degree.
 
 Read as well: ASCII, big-endian, any scalar types, columns in any order, extra columns and
-elements, files without normals (gsplat), SH degree 0..3, opacities of 0 and 1 (logits of ±∞, which become finite), and
-the method authors' layout (dog_* as columns of ``vertex``: all are DoG).
+elements, files without normals (gsplat), SH degree 0..3, opacities of 0 and 1 (logits of ±∞, which become finite),
+the method authors' layout (dog_* as columns of ``vertex``: all are DoG), and Mip-Splatting's column filter_3D, which
+widens its primitive (``filter_3d.py``).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ import numpy as np
 from ..support.errors import DataError, writing
 from ..support.files import replacing
 from ..support.wording import counted
+from .filter_3d import filtered
 from .opacity import LARGEST_LOGIT
 from .ply_tables import NOT_3DGS, TableReader, check_finite
 from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SHIFTS, SLOPES, Array, RowGroup, in_several
@@ -44,6 +46,7 @@ _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _XYZW_FROM_WXYZ = [1, 2, 3, 0]
 _WXYZ_FROM_XYZW = [3, 0, 1, 2]
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
+_FILTER = ("filter_3D",)
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 _NOT_WRITTEN = "nothing was written; remove those primitives or train with smaller steps"
 _SH_ELEMENTS = {degree: f"sh{degree}" for degree in SH}
@@ -91,6 +94,9 @@ def _read_model(reader: TableReader) -> Splats:
     rest = _by_coefficient(reader.columns(vertex, "vertex", _rest_names(n_rest)))  # [N, K-1, 3]
     logit_opacities = reader.columns(vertex, "vertex", ("opacity",), LARGEST_LOGIT)[:, 0]  # [N]
     log_scales = reader.columns(vertex, "vertex", _SCALE)  # [N, 3]
+    if _FILTER[0] in (vertex.dtype.names or ()):
+        widths = reader.columns(vertex, "vertex", _FILTER)[:, 0]  # [N]
+        log_scales, logit_opacities = filtered(log_scales, logit_opacities, widths)
     quats = reader.columns(vertex, "vertex", _ROTATION)[:, _XYZW_FROM_WXYZ]  # [N, 4]
     dog_index, dog = _read_dog(reader, tables, len(means))  # [M], [M, 4]
     return Splats(

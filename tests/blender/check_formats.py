@@ -160,6 +160,14 @@ def test_a_broken_file_is_one_line_that_names_it(tmp_path, in_preferences):
         read_model(tmp_path, unwanted)
 
 
+def test_an_spz_is_compared_with_its_check_sum(tmp_path):
+    data = (REFERENCES / "plain.spz").read_bytes()
+    for broken in (data[:-1], data[:-8], data[:-8] + bytes([data[-8] ^ 1]) + data[-7:]):
+        (tmp_path / "a.spz").write_bytes(broken)
+        with pytest.raises(FileError, match="check"):
+            read_spz(tmp_path / "a.spz")
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_damaged_spz_is_read_or_refused_in_one_line(tmp_path, version):
     raw = bytearray(gzip.decompress((REFERENCES / "plain.spz").read_bytes()))

@@ -65,6 +65,8 @@ def test_a_buffer_may_lie_beside_the_file(tmp_path, content):
     (tmp_path / "b.gltf").write_text(json.dumps(found))
     read = read_model(tmp_path / "b.gltf")
     assert np.array_equal(read.splats.means, foreign_model.model().means) and read.drawing.antialiased
+    (tmp_path / "b.gltf").write_text("\ufeff" + json.dumps(found))  # as editors of Windows begin a file
+    assert np.array_equal(read_model(tmp_path / "b.gltf").splats.means, read.splats.means)
 
 
 def test_an_attribute_that_no_gaussian_has_is_not_read(tmp_path, content):
@@ -125,6 +127,9 @@ def test_linear_colours_are_said_in_the_color_space(tmp_path, content):
     (tmp_path / "b.glb").write_bytes(glb(found | {"buffers": [{"byteLength": len(binary)}]}, binary))
     read = read_model(tmp_path / "b.glb")
     assert read.drawing == Drawing(linear=True) and read.left_out == ("its kernel cone",)
+    primitive["extensions"][NAME]["kernel"] = "a\n\x1b[31m"  # no terminal is to obey
+    (tmp_path / "b.glb").write_bytes(glb(found | {"buffers": [{"byteLength": len(binary)}]}, binary))
+    assert read_model(tmp_path / "b.glb").left_out == (r"its kernel a\n\x1b[31m",)
 
 
 @pytest.mark.parametrize("kind", [(5121, "<u1"), (5123, "<u2"), (5125, "<u4")])

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import Drawing, Model, Splats, read_model, write_model, write_ply
 from mi_dogsplat.formats.packing import unit_quats
-from mi_dogsplat.formats.read import read_source
+from mi_dogsplat.formats.read import read_source, size_of
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.scene.drawing import comments_of, drawing_of
 from mi_dogsplat.scene.orientation import AXES
@@ -103,6 +103,7 @@ def test_scales_that_a_format_cannot_say_are_told(tmp_path, suffix, low, high, s
     assert len(lost) == bool(said) and all(line.startswith(said) for line in lost)
 
 
+<<<<<<< HEAD
 @pytest.mark.parametrize("suffix", [".ply", ".sog", ".glb"])
 def test_a_drawing_may_be_told_in_numbers_of_numpy(tmp_path, suffix):
     told: dict[str, Any] = {"antialiased": np.True_, "near_clip": np.float32(0.25), "scale": np.float64(0.5)}
@@ -118,6 +119,30 @@ def test_a_drawing_that_no_reader_would_take_is_not_written(tmp_path, suffix, to
     with pytest.raises(DataError, match=f'"{name}" of the drawing is'):
         write_model(tmp_path / f"a{suffix}", Model(foreign_model.model(), Drawing(**told)))
     assert not list(tmp_path.iterdir())
+=======
+@pytest.mark.parametrize(("farthest", "moved"), [(1000.0, 0), (1e6, foreign_model.N), (1e8, foreign_model.N)])
+def test_a_primitive_far_away_that_leaves_spz_no_room_for_the_others_is_told(tmp_path, farthest, moved):
+    model = foreign_model.model()
+    means = model.means.copy()
+    means[0, 0] = farthest
+    tiny = replace(model, means=means, log_scales=np.full_like(model.log_scales, -9))
+    lost = write_model(tmp_path / "a.spz", tiny)
+    back = read_model(tmp_path / "a.spz").splats.means
+    away = np.abs(back[:, None] - means[None]).max(axis=-1).min(axis=0)  # [N] from each to any in the file
+    assert (away > np.exp(-9)).sum() == moved
+    said = f"SPZ has 24 bits for a coordinate: with one of {farthest:.3g} it moves {moved} primitives by more than "
+    assert lost == ([said + "their size"] if moved else [])
+
+
+@pytest.mark.parametrize("suffix", [".sog", ".spz", ".compressed.ply"])
+def test_places_farther_apart_than_float32_can_say_are_written(tmp_path, suffix):
+    model = foreign_model.model()
+    means = model.means.copy()
+    means[:2, 0] = 3e38, -3e38
+    back = read_model(written(tmp_path / f"a{suffix}", replace(model, means=means))).splats.means[:, 0]
+    farthest = 2.0**23 if suffix == ".spz" else 3e38
+    assert np.sort(back)[[0, -1]] == pytest.approx([-farthest, farthest], rel=1e-2)
+>>>>>>> e857953240581cdab486f9ea9a0ea01bf2b98f7f
 
 
 def test_not_antialiased_is_told_from_nothing_said(tmp_path):
@@ -209,6 +234,13 @@ def test_content_tells_a_format_before_the_name_does(tmp_path, suffix):
         path = tmp_path / name
 
 
+def test_a_compressed_ply_is_one_after_long_comments(tmp_path):
+    path = written(tmp_path / "a.compressed.ply", foreign_model.model())
+    expected = read_model(path).splats
+    path.write_bytes(path.read_bytes().replace(b"element chunk", b"comment licence\n" * 1000 + b"element chunk", 1))
+    assert np.array_equal(read_model(path).splats.means, expected.means)
+
+
 @pytest.mark.parametrize("start", [b"{", b" {", b"\x1f\x8b"])
 def test_a_splat_that_begins_as_other_files_do_is_one_by_its_name(tmp_path, start):
     """It has no first bytes of its own, but a number."""
@@ -223,6 +255,9 @@ def test_an_unbundled_sog_is_read_from_its_meta(tmp_path):
     bundled = read_model(foreign_model.FOLDER / "model.sog").splats
     assert np.array_equal(read_model(tmp_path / "meta.json").splats.means, bundled.means)
     meta = (tmp_path / "meta.json").read_text()
+    (tmp_path / "meta.json").write_text("\ufeff" + meta)  # as editors of Windows do
+    assert np.array_equal(read_model(tmp_path / "meta.json").splats.means, bundled.means)
+    assert size_of(tmp_path / "meta.json") > 3 + len(meta)
     (tmp_path / "meta.json").write_text(meta.replace("sh0.webp", "../sh0.webp"))
     with pytest.raises(DataError, match="no name of a file beside it"):
         read_model(tmp_path / "meta.json")
@@ -264,6 +299,24 @@ def test_where_nothing_can_be_written_is_said_before_anything_is_made_of_a_model
     with pytest.raises(DataError, match=r"small.ply: cannot be written \(Read-only file system\)"):
         read_source(model, tmp_path / "small.ply", "simplify")
     assert list(tmp_path.iterdir()) == [model]
+
+
+@pytest.mark.parametrize("part", ["scales", "sh0", "shN"])
+def test_a_first_value_of_a_sog_that_is_null_is_a_step_below_the_second(tmp_path, part):
+    """As PlayCanvas takes it; JSON has no -∞."""
+    model = _replace_in_sog(tmp_path, "", b"")
+    with zipfile.ZipFile(model) as bundle:
+        files = {name: bundle.read(name) for name in bundle.namelist()}
+    meta = json.loads(files["meta.json"])
+    table = meta[part]["codebook"] = np.linspace(-3, 0.5, 256).tolist()
+    for first in (table[1] - (table[255] - table[1]) / 255, None):
+        table[0] = first
+        with zipfile.ZipFile(tmp_path / f"{first is None}.sog", "w") as bundle:
+            for name, content in files.items():
+                bundle.writestr(name, json.dumps(meta) if name == "meta.json" else content)
+    found, wanted = (read_model(tmp_path / f"{null}.sog").splats for null in (True, False))
+    for name in ("log_scales", "sh_coeffs"):
+        assert np.array_equal(getattr(found, name), getattr(wanted, name)), name
 
 
 def test_a_small_file_cannot_claim_much_memory(tmp_path):
@@ -315,6 +368,13 @@ def test_many_primitives_of_few_colours_cannot_either(tmp_path):
             bundle.writestr(name, one.getvalue())
     with pytest.raises(DataError, match="which no model compresses to"):
         read_model(model)
+
+
+@pytest.mark.parametrize("suffix", [".sog", ".spz"])
+def test_a_model_that_compresses_to_almost_nothing_is_read_again(tmp_path, suffix):
+    """As that of a regular grid of points is."""
+    model = foreign_model.model().uniform_sh(3).select(np.zeros(70_000, int))
+    assert read_model(written(tmp_path / f"a{suffix}", model)).splats.n_splats == 70_000
 
 
 def _replace_in_sog(folder: Path, name: str, content: bytes) -> Path:

@@ -114,5 +114,13 @@ def test_what_does_not_fit_is_refused(tmp_path):
         path.write_bytes(wrapped)
         with pytest.raises(DataError, match=words):
             read_model(path)
+    whole = gzip.compress(HEADER.pack(*header) + body)
+    for broken, words in (
+        (whole[:-1], "ends before its check sum"), (whole[:-8], "ends before its check sum"),
+        (whole[:-8] + bytes([whole[-8] ^ 1]) + whole[-7:], "incorrect data check"),
+    ):  # fmt: skip
+        path.write_bytes(broken)
+        with pytest.raises(DataError, match=words):
+            read_model(path)
     with pytest.raises(DataError, match="use version 3 or 4"):
         write_model(path, foreign_model.model(), spz_version=2)

@@ -44,6 +44,17 @@ def test_a_transform_makes_the_same_of_a_model(addon, name):
     np.testing.assert_allclose(np.abs(np.einsum("nk,nk->n", *both)), 1, atol=1e-5)  # q and -q are one rotation
 
 
+def test_the_3d_filter_of_mip_splatting_makes_the_same_of_a_model(addon, tmp_path):
+    splats = ply_files.random_splats(dog_index=())
+    widths = np.array([0, 1e-3, 0.1, 0.5, 1, 3, 1e-30], np.float32)
+    columns = ply_files.vertex_columns(splats) | {"filter_3D": widths}
+    path = ply_files.write(tmp_path, ply_files.to_bytes({"vertex": columns}))
+    got, wanted = addon("files.ply").read_ply(path), read_ply(path)
+    for field in ("log_scales", "logit_opacities"):
+        np.testing.assert_allclose(getattr(got, field), getattr(wanted, field), rtol=1e-6, err_msg=field)
+        assert not np.array_equal(getattr(got, field), getattr(splats, field)), field
+
+
 def test_slopes_of_srgb_values_become_those_of_radiance_to_first_order(addon):
     """Oracle: the curve at the colours of places near the centre of each primitive."""
     splats = with_slopes(random_splats(30, seed=7, degree=0), every=1)

@@ -181,6 +181,18 @@ def test_a_place_that_cannot_be_written_is_one_clear_line(tmp_path):
     assert list(tmp_path.parent.glob(".*.part")) == []
 
 
+def test_the_3d_filter_of_mip_splatting_widens_primitives_and_makes_them_fainter(tmp_path):
+    splats = random_splats(dog_index=())
+    widths = np.array([0, 1e-3, 0.1, 0.5, 1, 3, 1e-30], np.float32)
+    read = read_ply(write(tmp_path, to_bytes({"vertex": vertex_columns(splats) | {"filter_3D": widths}})))
+    wider = np.sqrt(np.square(splats.scales.astype(np.float64)) + np.square(widths[:, None].astype(np.float64)))
+    fainter = splats.opacities * (splats.scales / wider).prod(axis=1)
+    assert read.scales == pytest.approx(wider, rel=1e-6) and read.opacities == pytest.approx(fainter, rel=1e-5)
+    same(read.select([0]), splats.select([0]))
+    write_ply(tmp_path / "b.ply", read)
+    same(read_ply(tmp_path / "b.ply"), read)
+
+
 def test_opacities_of_zero_and_one_are_read_as_almost_that(tmp_path):
     """Logits of ±∞, in either layout of DoG."""
     splats = random_splats(dog_index=range(7))
