@@ -6,13 +6,9 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-<<<<<<< HEAD
-from ..scene.drawing import USUAL, value_of
-=======
 import numpy as np
 
-from ..scene.drawing import USUAL
->>>>>>> e857953240581cdab486f9ea9a0ea01bf2b98f7f
+from ..scene.drawing import USUAL, value_of
 from ..scene.kinds import varying
 from ..scene.radiance import brightened
 from ..scene.sh_basis import C0

@@ -103,7 +103,6 @@ def test_scales_that_a_format_cannot_say_are_told(tmp_path, suffix, low, high, s
     assert len(lost) == bool(said) and all(line.startswith(said) for line in lost)
 
 
-<<<<<<< HEAD
 @pytest.mark.parametrize("suffix", [".ply", ".sog", ".glb"])
 def test_a_drawing_may_be_told_in_numbers_of_numpy(tmp_path, suffix):
     told: dict[str, Any] = {"antialiased": np.True_, "near_clip": np.float32(0.25), "scale": np.float64(0.5)}
@@ -119,7 +118,8 @@ def test_a_drawing_that_no_reader_would_take_is_not_written(tmp_path, suffix, to
     with pytest.raises(DataError, match=f'"{name}" of the drawing is'):
         write_model(tmp_path / f"a{suffix}", Model(foreign_model.model(), Drawing(**told)))
     assert not list(tmp_path.iterdir())
-=======
+
+
 @pytest.mark.parametrize(("farthest", "moved"), [(1000.0, 0), (1e6, foreign_model.N), (1e8, foreign_model.N)])
 def test_a_primitive_far_away_that_leaves_spz_no_room_for_the_others_is_told(tmp_path, farthest, moved):
     model = foreign_model.model()
@@ -142,7 +142,6 @@ def test_places_farther_apart_than_float32_can_say_are_written(tmp_path, suffix)
     back = read_model(written(tmp_path / f"a{suffix}", replace(model, means=means))).splats.means[:, 0]
     farthest = 2.0**23 if suffix == ".spz" else 3e38
     assert np.sort(back)[[0, -1]] == pytest.approx([-farthest, farthest], rel=1e-2)
->>>>>>> e857953240581cdab486f9ea9a0ea01bf2b98f7f
 
 
 def test_not_antialiased_is_told_from_nothing_said(tmp_path):
