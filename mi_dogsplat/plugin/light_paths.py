@@ -93,10 +93,11 @@ class LightPaths:
         with dr.suspend_grad():
             found = dr.zeros(mi.Spectrum, dr.width(ray))
             lanes = self._start(ray, probability, replay)
+            first_maxt = ray.maxt + dr.zeros(mi.Float, dr.width(ray))
             for depth in range(self.limits.max_depth):
                 if dr.width(lanes.sample) == 0:
                     break
-                lanes = self._segment(lanes, depth, found, replay)
+                lanes = self._segment(lanes, depth, found, replay, first_maxt)
             return found
 
     def _start(self, ray: Any, probability: Any, replay: Replay | None) -> Lanes:
@@ -110,8 +111,11 @@ class LightPaths:
                       dr.full(mi.Bool, True, n), dr.zeros(mi.Normal3f, n))
         return lanes.select(dr.compress(draw < probability))
 
-    def _segment(self, lanes: Lanes, depth: int, found: Any, replay: Replay | None) -> Lanes:
-        """Adds what a segment and the vertex at its end bring to ``found``; returns the paths that go on."""
+    def _segment(self, lanes: Lanes, depth: int, found: Any, replay: Replay | None, first_maxt: Any) -> Lanes:
+        """Adds what a segment and the vertex at its end bring to ``found``; returns the paths that go on.
+
+        ``first_maxt``: of the rays of the camera, where its far clip ends them.
+        """
         scene, attached = self.scene, replay is not None
         β, L = lanes.β, lanes.L
         random = self._random(lanes.sample, depth)
@@ -119,6 +123,9 @@ class LightPaths:
         # --- The segment: splats, up to the next surface ---
 
         ray = mi.Ray3f(lanes.o, lanes.d)
+        if depth == 0:
+            ends: Any = dr.gather(mi.Float, first_maxt, lanes.sample)
+            ray.maxt = ends
         meeting = scene.ray_intersect_preliminary(ray, coherent=depth == 0)
         Ls, Lr_segment = mi.Spectrum(0), mi.Spectrum(0)
         if depth:  # in front of the camera they have been splatted

@@ -24,6 +24,7 @@ class Surfaces:
     depth: mi.Float  # along the optical axis; infinite where nothing is hit
     normal: list  # 3 channels, shading normals in world space, turned to the camera; 0 where nothing is hit
     meeting: Any  # mi.PreliminaryIntersection3f
+    medium: Any  # mi.Medium, around the sensor; None without
 
     def behind(self, frame: Frame) -> Frame:
         """``frame``, whose splats end at the surfaces, with the surfaces behind them in all but the colours."""
@@ -56,7 +57,9 @@ def meet(
     with dr.suspend_grad():
         ray, camera = view_pass.rays(), view_pass.camera
         if passed:
-            ray.o = _behind(passed, scene, ray)
+            start = _behind(passed, scene, ray)
+            ray.maxt = dr.maximum(ray.maxt - dr.dot(start - ray.o, ray.d), 0)  # the far clip stays where it is
+            ray.o = start
         meeting = scene.ray_intersect_preliminary(mi.Ray3f(ray), coherent=True)
         hit = meeting.is_valid()
         axis, point = camera.rotation[2], ray.o + ray.d * meeting.t
@@ -68,7 +71,7 @@ def meet(
             n = meeting.compute_surface_interaction(ray, mi.RayFlags.All, hit).sh_frame.n
             facing = dr.select(hit, dr.select(dr.dot(n, ray.d) > 0, -n, n), 0)
         dr.eval(hit, depth, facing)
-        return Surfaces(ray, view_pass.sample.seed, hit, depth, list(facing), meeting)
+        return Surfaces(ray, view_pass.sample.seed, hit, depth, list(facing), meeting, view_pass.sensor.get_medium())
 
 
 def radiance(nested: Any, scene: Any, seen: Surfaces) -> list[mi.Float]:
@@ -80,7 +83,7 @@ def radiance(nested: Any, scene: Any, seen: Surfaces) -> list[mi.Float]:
             state = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(True)}
             spectrum = nested.sample(mode=dr.ADMode.Primal, scene=scene, sampler=sampler, ray=seen.ray, **state)[0]
         else:
-            spectrum = nested.sample(scene, sampler, seen.ray)[0]
+            spectrum = nested.sample(scene, sampler, seen.ray, seen.medium)[0]
         channels = list(spectrum)
         colors = [dr.select(seen.hit, c, 0) for c in (channels * 3 if len(channels) == 1 else channels)]
         dr.eval(colors)

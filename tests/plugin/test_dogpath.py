@@ -330,6 +330,23 @@ def test_hidden_emitters_light_surfaces_and_alpha_is_of_what_is_left():
     np.testing.assert_array_equal(hidden[0, 0], 0)
 
 
+@pytest.mark.parametrize("lamp", [None, 1.0, 6.0])
+def test_what_is_beyond_the_far_clip_of_the_sensor_is_not_seen_behind_hidden_lamps_either(lamp):
+    others: dict[str, Any] = {"wall": facing_camera(8.0), "sky": {"type": "constant", "radiance": rgb(0.1, 0.2, 0.7)}}
+    if lamp:
+        others["lamp"] = facing_camera(lamp, emitter={"type": "area"})
+    for far_clip, seen in ((5.0, False), (20.0, True)):
+        sensor = sensor_dict(CAMERA) | {"far_clip": far_clip}
+        integrator = {"type": "dogpath", "hide_emitters": bool(lamp), "aovs": "depth"}
+        scene: Any = mi.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor,
+                                   "splats": dog_dict(Splats.empty(1)), **others})
+        image = np.array(mi.render(scene, spp=1))[2:8, 3:9]
+        np.testing.assert_allclose(image[..., 3], 8 if seen else 0, rtol=1e-4)
+        if not seen:
+            background = np.zeros(3) if lamp else np.array([0.1, 0.2, 0.7])
+            np.testing.assert_allclose(image[..., :3] - background, 0, atol=1e-6)
+
+
 def test_splats_end_at_a_lamp_only_while_it_shows():
     lamp = square(T4().translate([0, 0, 2.0]).rotate([0, 1, 0], 180).scale(5), emitter={"type": "area"})
     behind = opposite(3.0)

@@ -211,6 +211,17 @@ def test_a_lit_mesh_converges_to_what_the_path_tracer_makes_of_it():
     assert np.abs(got - expected).mean() < 0.01 and np.abs(got - expected).max() < 0.08
 
 
+def test_fog_around_the_sensor_is_that_of_surfaces():
+    """It takes all of the light that it meets: what is left is exp(-distance / 4)."""
+    fog = {"type": "homogeneous", "albedo": 0.0, "sigma_t": 0.25}
+    image = render(Splats.empty(0), {"wall": wall(2.5)}, nested={"type": "volpath"}, spp=64,
+                   sensor=sensor_dict(FRONT) | {"medium": fog})
+    y, x = np.mgrid[0:16, 0:20] + 0.5
+    distance = 2.5 * np.sqrt(1 + ((x - FRONT.cx) / FRONT.fx) ** 2 + ((y - FRONT.cy) / FRONT.fy) ** 2)
+    left = np.exp(-0.25 * distance).mean()
+    np.testing.assert_allclose(image.mean((0, 1)), left * np.array([0.2, 0.5, 0.9]), rtol=0.03)
+
+
 @pytest.mark.parametrize("nested", ["path", "prb", "direct"])
 def test_integrators_in_c_and_in_python_may_be_nested(nested):
     image = render(Splats.empty(0), {"wall": wall(2.5)}, nested={"type": nested})
