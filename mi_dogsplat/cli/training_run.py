@@ -30,18 +30,24 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
 
 @contextmanager
 def shown_training(steps: int, split: str = TrainConfig.split) -> Iterator[Callable[[dict], None]]:
-    """What takes the rows of a training as progress: a bar up to its last step, then a line on what follows: of which
-    ``split`` the views are that are measured."""
+    """What takes the rows of a training as progress: a bar up to its last step, then lines on what it could not do and
+    on what follows: of which ``split`` the views are that are measured."""
+    from ..training.events import NotPruned
     from .progress import Bar
 
+    not_done: list[str] = []
     with Bar("step") as bar:
 
         def show(row: dict) -> None:
             if "measured" in row:
                 bar.close()
+                for line in not_done:
+                    say(line)
                 views = counted(row["measured"], f"{split} view")
                 say(f"all steps are done; measuring {views}, writing the report")
                 return
+            events = row.get("events", ())
+            not_done.extend(NotPruned(event["reason"]).text for event in events if event["kind"] == NotPruned.kind)
             figures = {}
             if "l1" in row:
                 figures = {"l1": f"{row['l1']:.4f}", "n": row["n"]}
