@@ -82,7 +82,7 @@ AS_PUBLISHED = {
         "GaussianSpa", gaussian_spa.RECIPE, "Zhang et al. 2025", gaussian_spa.DEVIATIONS, revision=2
     ),
     "gns": Method("GNS", gns.RECIPE, "arXiv 2511.16980", gns.DEVIATIONS, revision=2),
-    "taming": Method("Taming-3DGS", taming.RECIPE, "Mallick et al. 2024", taming.DEVIATIONS, revision=2),
+    "taming": Method("Taming-3DGS", taming.RECIPE, "Mallick et al. 2024", taming.DEVIATIONS, revision=3),
     "dash": Method("DashGaussian", dash.RECIPE, "Chen et al. 2025", dash.DEVIATIONS, revision=2),
     "mcmc": Method("3DGS-MCMC", mcmc.RECIPE, "Kheradmand et al. 2024", mcmc.DEVIATIONS),
     "improved_gs": Method("Improved-GS", improved_gs.RECIPE, "Deng et al. 2025", improved_gs.DEVIATIONS),

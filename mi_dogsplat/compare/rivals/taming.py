@@ -25,15 +25,16 @@ from ...render.picture import photograph
 from ...scores.weights import weights
 from ...training.presets import Recipe
 from ...training.strategy.densify import Choice, Densification
-from ...training.strategy.densify_stats import DensifyStats
+from ...training.strategy.densify_stats import DensifyStats, radii
 from ...training.strategy.strategy import Training
 from .growth import START_SHARE, best, bounded, opacities, progress, removed
 from .mini_splatting import sampling_keys
 
 DEVIATIONS = (
-    "the term of distances to the pixels (50) is left out; removal is that of 3DGS, where the code thins out half of "
-    "it by score, and only early; opacities do not pass 1 after step 15,000; at the last refinement those below the "
-    "threshold fill what is left of the budget; a start of at most half the budget"
+    "the term of distances to the pixels (50) is left out; radii are not rounded up to whole pixels; removal is that "
+    "of 3DGS, where the code thins out half of it by score, and only early; opacities do not pass 1 after step 15,000; "
+    "at the last refinement those below the threshold fill what is left of the budget; a start of at most half the "
+    "budget"
 )
 VIEWS = 10
 OF_MODEL = {"gradient": 25.0, "opacity": 100.0, "scale": 25.0}
@@ -107,9 +108,7 @@ def _of_view(t: Training, k: int, of_model) -> np.ndarray:
     found = weights(params, [camera], t.options, [saliency(error, truth)])
     shown = found.pixels > 0
     projection = project(params, camera, sh_degree=0)
-    kernels = projection.kernels
-    radius = np.sqrt(np.maximum(kernels.variance_x.numpy(), kernels.variance_y.numpy()))
-    terms = {"depth": projection.depth.numpy(), "radius": radius, "pixels": found.pixels}
+    terms = {"depth": projection.depth.numpy(), "radius": radii(projection.kernels).numpy(), "pixels": found.pixels}
     terms |= {"blend": found.total, "error": found.weighted}
     total = of_model + sum(weight * relative(np.where(shown, terms[n], 0)) for n, weight in OF_VIEW.items())
     return loss * np.where(shown, total, 0)

@@ -11,7 +11,16 @@ import numpy as np
 
 from ...engine.arrays import array_types, constant, detached
 from ...engine.parameters import device_array
-from ...engine.project import Projection
+from ...engine.project import Kernels, Projection
+
+
+def radii(kernels: Kernels) -> mi.Float:
+    """[R] pixels, three standard deviations along the major axis, as in 3DGS; detached."""
+    variance_x, variance_y = detached(kernels.variance_x), detached(kernels.variance_y)
+    covariance = -detached(kernels.uy) / detached(kernels.ux) * variance_y  # ux : uy = yy : -xy
+    mean, half_difference = 0.5 * (variance_x + variance_y), 0.5 * (variance_x - variance_y)
+    variance = mean + dr.sqrt(dr.fma(half_difference, half_difference, covariance * covariance))
+    return 3 * dr.sqrt(variance)
 
 
 @dataclass
@@ -36,14 +45,9 @@ class DensifyStats:
     def add(self, gradient_x, gradient_y, projection: Projection, width: int, height: int) -> None:
         """Add a view: gradients of the loss by the centres in pixels, and the projection they belong to."""
         Float = array_types().Float
-        k = projection.kernels
-        variance_x, variance_y = detached(k.variance_x), detached(k.variance_y)
-        covariance = -detached(k.uy) / detached(k.ux) * variance_y  # ux : uy = yy : -xy
+        radius = radii(projection.kernels)
         x, y = detached(projection.x), detached(projection.y)
         w, h = constant(Float, "width", width), constant(Float, "height", height)
-        mean, half_difference = 0.5 * (variance_x + variance_y), 0.5 * (variance_x - variance_y)
-        variance = mean + dr.sqrt(dr.fma(half_difference, half_difference, covariance * covariance))
-        radius = 3 * dr.sqrt(variance)  # 3 standard deviations along the major axis
         seen = detached(projection.visible) & (x > -radius) & (x < w + radius)
         seen &= (y > -radius) & (y < h + radius)
         gx, gy = detached(gradient_x) * (0.5 * w), detached(gradient_y) * (0.5 * h)
