@@ -24,6 +24,7 @@ from .packing import SQRT2, from_smallest_three, logits
 FIRST_TAG = 252
 PER_ROW = 64  # entries of the palette
 META = "meta.json"
+AGAIN = "the file is damaged: copy or export it again"
 SH_SIZES = (0, 3, 8, 15)  # coefficients by ``bands``, without the first
 NUMBERS = 14  # of a primitive without ``rest``; a code each, as the bytes of SPZ are counted
 
@@ -34,7 +35,11 @@ def read(path: Path) -> Model:
         if zipfile.is_zipfile(path):
             size = path.stat().st_size
             with zipfile.ZipFile(path) as bundle:
+                if META not in bundle.namelist():
+                    raise DataError(path, f"is a ZIP file without {META}, and so no SOG model", "give another file")
                 return _read(path, size, lambda name: _unpacked(path, size, bundle, name))
+        if path.suffix.lower() == ".sog":
+            raise DataError(path, "is no SOG model: it is no ZIP file, or a part of one", AGAIN)
         files = _Folder(path)
         return _read(path, files.size(), files.content)
     except DataError:
@@ -46,7 +51,7 @@ def read(path: Path) -> Model:
         NotImplementedError, RuntimeError, OverflowError, SyntaxError,  # of zipfile and Pillow
     ) as error:  # fmt: skip
         problem = f"is no SOG model ({type(error).__name__}: {error})"
-        raise DataError(path, problem, "the file is damaged: copy or export it again") from error
+        raise DataError(path, problem, AGAIN) from error
 
 
 def files_beside(path: Path) -> list[Path]:

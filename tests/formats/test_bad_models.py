@@ -71,6 +71,16 @@ def test_a_first_value_of_a_sog_that_is_null_is_a_step_below_the_second(tmp_path
         assert np.array_equal(getattr(found, name), getattr(wanted, name)), name
 
 
+def test_what_is_no_bundle_of_a_sog_says_so_in_words(tmp_path):
+    np.savez(tmp_path / "state.npz", a=np.zeros(3))
+    with pytest.raises(DataError, match="is a ZIP file without meta.json"):
+        read_model(tmp_path / "state.npz")
+    whole = written(tmp_path / "a.sog", foreign_model.model()).read_bytes()
+    (tmp_path / "cut.sog").write_bytes(whole[:-30])
+    with pytest.raises(DataError, match="it is no ZIP file, or a part of one; the file is damaged"):
+        read_model(tmp_path / "cut.sog")
+
+
 def test_a_small_file_cannot_claim_much_memory(tmp_path):
     header = struct.pack("<IIIBBBB", 0x5053474E, 3, 40_000_000, 3, 12, 0, 0)
     (tmp_path / "bomb.spz").write_bytes(gzip.compress(header + bytes(1000)))
