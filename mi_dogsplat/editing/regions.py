@@ -53,7 +53,8 @@ def deviations_along(splats: Splats, rows: Array, directions: Array) -> Array:
     quats = splats.quats[rows].astype(np.float64)
     quats[~quats.any(axis=1)] = 0, 0, 0, 1  # a zero quaternion is the identity
     local = Rotation.from_quat(quats).inv().apply(directions)  # [P, 3]
-    return np.linalg.norm(local * splats.scales[rows].astype(np.float64), axis=1)
+    scales = np.exp(splats.log_scales[rows].astype(np.float64))  # float32 has none above e^88
+    return np.linalg.norm(local * scales, axis=1)
 
 
 def _near_pairs(means: Array) -> tuple[Array, Array, Array]:

@@ -60,3 +60,9 @@ def test_one_or_no_primitive_hangs_together():
 def test_two_at_one_place_touch():
     splats = rounded(make_splats([[0, 0, 0], [0, 0, 0], [9, 9, 9]], 0.1))
     assert largest_parts(splats, 1).tolist() == [True, True, False]
+
+
+def test_one_that_is_larger_than_float32_can_say_touches_all():
+    splats = rounded(make_splats([[0, 0, 0], [30, 0, 0], [60, 0, 0]], 0.1))
+    splats.log_scales[0] = 90
+    assert largest_parts(splats, 1).all()
