@@ -81,11 +81,13 @@ AS_PUBLISHED = {
     "gaussian_spa": Method(
         "GaussianSpa", gaussian_spa.RECIPE, "Zhang et al. 2025", gaussian_spa.DEVIATIONS, revision=2
     ),
-    "gns": Method("GNS", gns.RECIPE, "arXiv 2511.16980", gns.DEVIATIONS, revision=2),
+    "gns": Method("GNS", gns.RECIPE, "arXiv 2511.16980", gns.DEVIATIONS, revision=3),
     "taming": Method("Taming-3DGS", taming.RECIPE, "Mallick et al. 2024", taming.DEVIATIONS, revision=3),
     "dash": Method("DashGaussian", dash.RECIPE, "Chen et al. 2025", dash.DEVIATIONS, revision=2),
     "mcmc": Method("3DGS-MCMC", mcmc.RECIPE, "Kheradmand et al. 2024", mcmc.DEVIATIONS),
-    "improved_gs": Method("Improved-GS", improved_gs.RECIPE, "Deng et al. 2025", improved_gs.DEVIATIONS),
+    "improved_gs": Method(
+        "Improved-GS", improved_gs.RECIPE, "Deng et al. 2025", improved_gs.DEVIATIONS, revision=2
+    ),
     "3dgs_capped": Method("3DGS, capped", capped.RECIPE, "Kerbl et al. 2023, with the budget as its cap"),
     # the ablation: each adds one part to the one before it (paper, Table 3)
     "v1": Method("V1: RIR, equal steps, opacity", Recipe(pruning=EQUAL, score=OPACITY), PAPER),

@@ -26,8 +26,10 @@ from .growth import START_SHARE, fill, progress
 
 DEVIATIONS = (
     "the budget is the count that momentum finds in the paper, which the last refinement fills, whatever its share; "
-    "box-averaged pictures, where the code resamples by Lanczos; that position steps then fall log-linearly to the "
-    "end is our reading; a start of at most half the budget; checked with a public copy of the code"
+    "gradients have no threshold: the budget alone limits growth; removal is that of 3DGS, where the code goes by "
+    "opacity alone; pictures grow at any step, where in the code they do at refinements; box-averaged pictures, where "
+    "the code resamples by Lanczos; that position steps then fall log-linearly to the end is our reading; a start of "
+    "at most half the budget; checked with a public copy of the code"
 )
 LARGEST = 8  # factor
 LEAST_SHARE = 0.25  # of a photograph's amplitude at the start

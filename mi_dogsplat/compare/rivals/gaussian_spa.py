@@ -32,8 +32,8 @@ from .step_sizes import OPACITY_OF_2023
 
 DEVIATIONS = (
     "no blur split and no points from depth while densifying, the start is everybody's; all SH degrees at once after "
-    "the new beginning; a run of 30,000 steps, where the stored copy of the code has 40,000; checked with a public "
-    "copy of the code, the authors' own was not to be had"
+    "the new beginning; indoor importance, not divided by the area, for all captures; a run of 30,000 steps, where the "
+    "stored copy of the code has 40,000; checked with a public copy of the code, the authors' own was not to be had"
 )
 FROM, TO = 15_200, 25_200  # steps
 SPARSE, DUAL = "sparse_opacities", "dual_opacities"

@@ -29,13 +29,10 @@ from ...training.strategy.prune import keep_best
 from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
 from .growth import START_SHARE, opacities
-from .improved_gs import DENSIFICATION, EdgeGrowth, GentleSteps, RecoveryAware
+from .improved_gs import DENSIFICATION, DEVIATIONS_OF_BOTH, EdgeGrowth, GentleSteps, RecoveryAware
 from .mini_splatting import sampling_keys
 
-DEVIATIONS = (
-    "gradients of the centres are sums over pixels, where the code sums their magnitudes, and have no threshold: the "
-    "budget alone limits growth; no steps of several views after step 20,000; a start of at most half the budget"
-)
+DEVIATIONS = DEVIATIONS_OF_BOTH
 FROM, TO = 15_000, 23_000  # steps
 FAINT = 0.001  # opacity below which primitives go
 

@@ -1,11 +1,11 @@
 """Improved-GS (Deng et al. 2025, arXiv 2508.12313): splits along the longest axis where photographs have edges.
 
-At each refinement the model may have √p of the budget, p the part of densification that is done. Those that grow are
-drawn, in proportion to the mean over 10 random views of Σ e α T, divided by its mean over what the view shows; e are
-the edges of the photograph. Near the end the gradient itself takes the place of the edges. All are split
+At each refinement the model may have √p of the budget, p the part of the way to step 14,500 that is done. Those that
+grow are drawn, in proportion to the mean over 10 random views of Σ e α T, divided by its mean over what the view shows;
+e are the edges of the photograph. After that step the gradient itself takes the place of the edges. All are split
 (``training/strategy/long_axis.py``). Opacities are reset to .05; what is below .02 goes at step 300, a fifth with the
-smallest opacities 300 steps after the first two resets ("recovery-aware"). Position steps fall from a quarter of the
-recipe's to 1.25 times them, those of SH are double.
+smallest opacities 300 steps after the first two resets, while it densifies ("recovery-aware"). Position steps fall from
+a quarter of the recipe's to 1.25 times them, those of SH are double.
 """
 
 from __future__ import annotations
@@ -28,13 +28,15 @@ from .growth import START_SHARE, best, opacities, progress
 from .mini_splatting import sampling_keys
 from .taming import edges
 
-DEVIATIONS = (
+DEVIATIONS_OF_BOTH = (
     "gradients of the centres are sums over pixels, where the code sums their magnitudes, and have no threshold: the "
-    "budget alone limits growth; no steps of several views after step 20,000; a start of at most half the budget; "
-    "from the code of GNS, which it is the base of"
-)
+    "budget alone limits growth; what a refinement removes makes room in the same one; edges of 10 views at random, "
+    "where the code takes views in turn, and all of them at steps 3,400 and 6,400; no steps of several views after "
+    "step 20,000; a start of at most half the budget"
+)  # of this and of GNS
+DEVIATIONS = f"{DEVIATIONS_OF_BOTH}; from the code of GNS, which it is the base of"
 VIEWS = 10
-LATE = 14_000 / 14_500  # progress from which on the gradient decides
+FULL = (14_500 - 500) / (14_900 - 500)  # progress at which there is room for all, and after which the gradient decides
 
 
 def edge_scores(t: Training) -> np.ndarray:
@@ -62,9 +64,9 @@ class EdgeGrowth:
         remove = (opacity < rule.min_opacity) & (done < 1)
         if remove.all():
             remove[np.argmax(opacity)] = False
-        scores = gradient if done > LATE else edge_scores(t)
+        scores = gradient if done > FULL else edge_scores(t)
         most = min(self.over * int(t.target), rule.max_primitives or np.inf)
-        room = round(min(1.0, done) ** 0.5 * most) - int(np.sum(~remove))
+        room = round(min(1.0, done / FULL) ** 0.5 * most) - int(np.sum(~remove))
         grow = best(sampling_keys(scores, t.rng), ~remove & (scores > 0), room)
         return Choice(grow, np.zeros(len(grow), bool), remove)
 
@@ -79,9 +81,10 @@ class RecoveryAware(Strategy[None]):
     share: float = 0.2
 
     def scaled(self, factor: float) -> RecoveryAware:
-        between = DENSIFICATION.scaled(factor).reset_every / DENSIFICATION.reset_every
-        again = tuple(round(step * between) for step in self.after_resets)
-        return replace(self, first=scaled_milestone(self.first, factor), after_resets=again)
+        density = DENSIFICATION.scaled(factor)
+        again = (round(step * density.reset_every / DENSIFICATION.reset_every) for step in self.after_resets)
+        inside = tuple(step for step in again if step < density.stop)  # later nothing grows again in its place
+        return replace(self, first=scaled_milestone(self.first, factor), after_resets=inside)
 
     def due(self, t: Training, state: None) -> bool:
         return t.step_count in (self.first, *self.after_resets)
