@@ -5,8 +5,8 @@ import importlib
 import sys
 from typing import Any
 
-import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
-import mitsuba as mi
+from mi_dogsplat.cli.errors import one_line_errors
+from mi_dogsplat.support.variants import set_variant
 
 from .names import EXPERIMENTS, ROOM_OF, TIMINGS
 
@@ -16,8 +16,8 @@ def module(name: str) -> Any:
 
 
 if sys.argv[1:] and sys.argv[1] in ROOM_OF and sys.argv[1] not in TIMINGS:
-    module(sys.argv[1]).main(sys.argv[2:])
-    sys.exit()
+    program = f"python -m benchmarks {sys.argv[1]}"
+    sys.exit(one_line_errors(lambda: module(sys.argv[1]).main(sys.argv[2:]), program=program))
 parser = argparse.ArgumentParser(
     prog="python -m benchmarks",
     description=__doc__,
@@ -31,7 +31,13 @@ if late := [name for name in args.names if name in ROOM_OF and name not in TIMIN
     parser.error(f"{late[0]} is an experiment, which comes first, with its flags behind it: {late[0]} --help")
 if unknown := sorted({*args.names} - {*TIMINGS}):
     parser.error(f"no benchmark is called {unknown[0]}: --help lists them")
-mi.set_variant(args.variant)
-for name in args.names or TIMINGS:
-    print(f"# {name} ({args.variant})")
-    module(name).main()
+
+
+def timings() -> None:
+    set_variant(args.variant)
+    for name in args.names or TIMINGS:
+        print(f"# {name} ({args.variant})")
+        module(name).main()
+
+
+sys.exit(one_line_errors(timings, program="python -m benchmarks"))

@@ -30,7 +30,9 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Array, Splats
+from mi_dogsplat.support.variants import set_variant
 
+from ..flags import at_least_one, part
 from ..models import DATA, fern_points
 from ..timing import medians
 from .lean import engine_backward, engine_forward
@@ -43,7 +45,7 @@ PAIRS_AT_ONCE = 20_000  # bounds the memory of a look at every pixel of a tile
 
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     model, camera = load(args)
     plain = model.plain()
     cases: dict[str, Callable[[float], Splats]] = {
@@ -62,8 +64,8 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--model", type=Path, help="a trained model; default: the points of fern")
     parser.add_argument("--scene", default="fern", choices=("fox", "fern", "lego"), help="whose first test view it is")
     parser.add_argument("--downscale", type=int, default=2)
-    parser.add_argument("--shares", type=float, nargs="+", default=[0, 0.01, 0.05, 0.1, 0.2, 0.5, 1], metavar="SHARE")
-    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--shares", type=part, nargs="+", default=[0, 0.01, 0.05, 0.1, 0.2, 0.5, 1], metavar="SHARE")
+    parser.add_argument("--rounds", type=at_least_one, default=15)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     args = parser.parse_args(flags)
     if 0 not in args.shares:

@@ -12,12 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.kernel_costs import pair_operations
 from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.variants import set_variant
 
+from ..flags import at_least_one
 from ..timing import medians
 from .dog_share import CASES, load, with_dog
 from .lean import engine_backward, engine_forward
@@ -36,10 +37,10 @@ def compare(flags: Sequence[str], name: str, description: str | None, kinds: Map
     parser.add_argument("--model", type=Path, help="a trained model; default: the points of fern")
     parser.add_argument("--scene", default="fern", choices=("fox", "fern", "lego"), help="whose first test view it is")
     parser.add_argument("--downscale", type=int, default=2)
-    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--rounds", type=at_least_one, default=15)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     args = parser.parse_args(flags)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     model, camera = load(args)
     plain = model.plain().without_slopes().without_cuts().without_shifts()  # and without curvatures and second cuts
     models = {kind: make(plain) for kind, make in kinds.items()}

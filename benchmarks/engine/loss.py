@@ -12,8 +12,11 @@ from typing import Any, cast
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.images.blur import gaussian_window
 from mi_dogsplat.training.images.loss import C1, C2, PhotometricLoss
+
+from ..flags import at_least_one
 
 REPEATS = 40
 
@@ -39,12 +42,13 @@ def convolve_loss(image, y, my, yy):
 
 def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks loss", description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("size", type=int, nargs="*", default=[400, 300], metavar="N", help="width and height, pixels")
+    words = "width and height, pixels"
+    parser.add_argument("size", type=at_least_one, nargs="*", default=[400, 300], metavar="N", help=words)
     args = parser.parse_args(arguments)
     if len(args.size) != 2:
         parser.error("give width and height, or neither")
     width, height = args.size
-    mi.set_variant("llvm_ad_rgb")
+    set_variant("llvm_ad_rgb")
     rng = np.random.default_rng(0)
     y = rng.random((3, height, width), np.float32)
     x = (y + rng.normal(0, 0.1, y.shape)).astype(np.float32)

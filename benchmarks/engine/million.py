@@ -27,9 +27,11 @@ from mi_dogsplat.engine.bands import BandedView
 from mi_dogsplat.runs.checkpoint import save_checkpoint
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.support.memory import peak_memory_mb
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 
+from ..flags import at_least_one
 from .trainer_passes import passes
 
 ALL_DEGREES = 4000  # step from which on the colours have all SH degrees
@@ -38,21 +40,24 @@ ALL_DEGREES = 4000  # step from which on the colours have all SH degrees
 def main(flags: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks million", description=__doc__)
     parser.add_argument("--memory", nargs="*", default=["64G", "5G", "4G"])
-    parser.add_argument("--primitives", type=int, default=1_000_000)
+    parser.add_argument("--primitives", type=at_least_one, default=1_000_000)
     parser.add_argument("--size", type=int, nargs=2, default=(1600, 1066))
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--rounds", type=at_least_one, default=5)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--json", type=Path, help="also write the rows to this file")
     parser.add_argument("--alone", action="store_true", help="the one amount in this process, as JSON")
     args = parser.parse_args(flags)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     if args.alone:
         print(json.dumps(measured(args)))
         return
     rows = []
     for memory in args.memory[:1] if dr.backend_v(mi.Float) is dr.JitBackend.CUDA else args.memory:
         command = [sys.executable, "-m", "benchmarks", "million", *flags, "--alone", "--memory", memory]
-        rows.append(json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout))
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+        if done.returncode:
+            raise SystemExit(done.returncode)  # it has said why
+        rows.append(json.loads(done.stdout))
         if len(rows) == 1:
             print(f"| {' | '.join(rows[0])} |\n" + "|---" * len(rows[0]) + "|")
         cells = [f"{value:,.4g}" if isinstance(value, float) else str(value) for value in rows[-1].values()]

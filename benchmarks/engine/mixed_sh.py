@@ -10,8 +10,8 @@ import argparse
 import time
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.train import Trainer
 
 from ..processors.launches import trainer_of
@@ -44,7 +44,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--primitives", type=int, nargs="+", default=[10_000, 100_000])
     parser.add_argument("--size", type=int, nargs=2, default=(400, 300), metavar=("W", "H"))
     args = parser.parse_args(arguments)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     print("| primitives | degrees | floats each | pass | ms | over degree 3 | over degree 0 |\n" + "|---" * 7 + "|")
     for n in args.primitives:
         for name in MIXTURES:

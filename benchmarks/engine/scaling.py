@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 from markupsafe import Markup
 from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
@@ -33,7 +32,9 @@ from mi_dogsplat.report.page import TEMPLATES
 from mi_dogsplat.report.plot import Series, line_plot
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.variants import set_variant
 
+from ..flags import at_least_one
 from ..timing import medians
 from .lean import engine_backward, engine_forward
 
@@ -78,7 +79,7 @@ class Sweep:
 
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     figures = []
     for sweep in sweeps(args):
         sweep.points = [p for p in sweep.points if _count_isects(p) <= args.max_isects]
@@ -102,7 +103,7 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--sigma", type=float, default=3.0, help="median standard deviation in pixels at 400x300")
     parser.add_argument("--opacity", type=float, default=0.02)
     parser.add_argument("--max-isects", type=float, default=2e7, help="leave out larger sizes: 64 bytes each backward")
-    parser.add_argument("--rounds", type=int, default=11)
+    parser.add_argument("--rounds", type=at_least_one, default=11)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--page", type=Path, help="also write the curves to this HTML file")
     return parser.parse_args(flags)

@@ -38,6 +38,7 @@ from mi_dogsplat.render.picture import background_color
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.images.photographs import Photographs
 from mi_dogsplat.training.initialize import initial_splats
@@ -228,7 +229,7 @@ def main(flags: list[str]) -> None:
     parser.add_argument("--steps", type=int, default=32, help="of Lanczos (default: 32)")
     parser.add_argument("--probes", type=int, default=32, help="per view, for the diagonal (default: 32)")
     args = parser.parse_args(flags)
-    mi.set_variant("llvm_ad_rgb")
+    set_variant("llvm_ad_rgb")
     splats, dataset = read_ply(args.model), load_dataset(args.data, args.downscale)
     background = background_color("auto", dataset.has_alpha)
     some = dataset.train[:: max(1, len(dataset.train) // args.views)][: args.views]

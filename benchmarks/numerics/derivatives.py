@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.variants import set_variant
 
 from .derivative_cases import HEIGHT, SEED, TWIN_SPP, WIDTH, Case, broad_splats, cases, scene_with
 
@@ -152,7 +153,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", default="", help="cases whose name holds this")
     parser.add_argument("--variant", default="llvm_ad_rgb")
     args = parser.parse_args(argv)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     broad, rough = broad_splats(), rough_splats()
     titles = ["parameter", "derivative", "against the twin: rgb, 1 spp", *(film.title() for film in FILMS)]
     print("| " + " | ".join(titles) + " |\n" + "|---" * len(titles) + "|")

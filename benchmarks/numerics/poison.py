@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import Dataset, View
 from mi_dogsplat.datasets.camera_paths import look_at
@@ -26,6 +25,7 @@ from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.sh_basis import C0
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Dropped, Event
 from mi_dogsplat.training.presets import RECIPES
@@ -213,7 +213,7 @@ def main(flags: list[str]) -> None:
     parser.add_argument("--steps", type=int, default=STEPS, help=f"of each training (default: {STEPS})")
     parser.add_argument("--preset", default="ours", help="a recipe that prunes and has DoG (default: ours)")
     args = parser.parse_args(flags)
-    mi.set_variant("llvm_ad_rgb")
+    set_variant("llvm_ad_rgb")
     result = run(args.steps, args.preset, print)
     for step, event in result["events"]:
         print(f"step {step}: {event}")

@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.geometry import Blocks, Grid
@@ -35,6 +34,7 @@ from mi_dogsplat.render.framing import automatic_camera
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.variants import set_variant
 
 STILL_LIFE = Path(__file__).parents[2] / "scenes" / "still_life.ply"
 ANGLES = (0.01, 0.1, 1.0)  # degrees
@@ -107,7 +107,7 @@ def main(flags: list[str]) -> None:
     parser.add_argument("--downscale", type=int, default=1, help="of the views (default: 1)")
     parser.add_argument("--views", type=int, default=8, help="how many of them (default: 8)")
     args = parser.parse_args(flags)
-    mi.set_variant("llvm_ad_rgb")
+    set_variant("llvm_ad_rgb")
     splats = read_ply(args.model)
     if args.data:
         dataset = load_dataset(args.data, args.downscale)

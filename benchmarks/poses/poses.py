@@ -13,7 +13,6 @@ import time
 from pathlib import Path
 
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.colmap import find_model, load_colmap, read_sources
@@ -24,6 +23,7 @@ from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.run import find_poses
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL, Camera
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from PIL import Image
 
@@ -44,7 +44,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--steps", type=int, default=2000, help="of the trainings; 0: none")
     parser.add_argument("--downscale", type=int, default=4)
     args = parser.parse_args(argv)
-    mi.set_variant("llvm_ad_rgb")
+    set_variant("llvm_ad_rgb")
     for data in args.data:
         top = args.out / data.resolve().name
         exact = _cameras(data)

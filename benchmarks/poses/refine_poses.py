@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.datasets.dataset import View, camera_extent, seen_by
@@ -23,6 +22,7 @@ from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture import photograph, seen_as
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.camera_motions import moved_w2c
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 
@@ -57,7 +57,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--split", default="test")
     parser.add_argument("--only", choices=("off", "on"), help="only without, or with refinement")
     args = parser.parse_args(argv)
-    mi.set_variant("llvm_ad_rgb")
+    set_variant("llvm_ad_rgb")
     print(HEADER, flush=True)
     for data in args.data:
         for seed in args.seeds:

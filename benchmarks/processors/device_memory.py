@@ -15,6 +15,7 @@ from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
+from mi_dogsplat.support.variants import set_variant
 
 from ..engine.lean import engine_backward, engine_forward
 from ..engine.scaling import even_model, front_camera
@@ -30,7 +31,7 @@ def main(flags: Sequence[str]) -> None:
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--json", type=Path, help="also write the rows to this file")
     args = parser.parse_args(flags)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     rows, camera = [], front_camera(args.width)
     for n in args.primitives:
         splats = even_model(n, camera)

@@ -35,8 +35,10 @@ from mi_dogsplat.engine.tables import FIRST_FEATURE
 from mi_dogsplat.engine.tiles import WORD, TileLists
 from mi_dogsplat.engine.view import prepare
 from mi_dogsplat.engine.walks.composite import composite
+from mi_dogsplat.support.variants import set_variant
 
 from ..engine.scaling import even_splats, front_camera
+from ..flags import at_least_one
 from .machine_code import bound, compiled, kind_of, loop_of, mca_cycles, pipe_counts, processor
 
 COLORS = 3
@@ -103,7 +105,7 @@ def pipes_of(needs: Sequence[Need]) -> dict[str, float]:
 
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     dr.set_thread_count(args.threads or dr.thread_count())
     blocks = Blocks.of_backend()
     if dr.backend_v(mi.Float) != dr.JitBackend.LLVM or blocks.lanes_per_tile != 16:
@@ -150,7 +152,7 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks floor", description=__doc__)
     parser.add_argument("--primitives", type=int, default=20_000)
     parser.add_argument("--sigma", type=float, default=6.0, help="median standard deviation in pixels")
-    parser.add_argument("--rounds", type=int, default=31)
+    parser.add_argument("--rounds", type=at_least_one, default=31)
     parser.add_argument("--threads", type=int, default=0, help="0: all")
     parser.add_argument("--keep", type=Path, help="leave IR and assembly in this folder, which must exist")
     parser.add_argument("--variant", default="llvm_ad_rgb")

@@ -21,11 +21,11 @@ from types import FrameType
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import Dataset, View
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.row_groups import BESIDE_COLORS
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 
@@ -164,7 +164,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--each", action="store_true", help="list the kernels one by one")
     parser.add_argument("--json", type=Path, help="also write the rows to this file")
     args = parser.parse_args(arguments)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     width, height = args.size
     found = []
     trainer = trainer_of(args.primitives, width, height, args.dog, args.everything)

@@ -17,7 +17,6 @@ from functools import reduce
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.bands import PreparedView
 from mi_dogsplat.engine.geometry import Blocks
@@ -32,6 +31,7 @@ from mi_dogsplat.engine.walks.pixels import Planes
 from mi_dogsplat.engine.walks.walk import Walk
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.variants import set_variant
 
 from ..models import fern_opaque, fern_points, playbot
 
@@ -64,7 +64,7 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks warps", description=__doc__)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     variant = parser.parse_args(arguments).variant
-    mi.set_variant(variant)
+    set_variant(variant)
     instructions = None
     if variant.startswith("cuda"):
         instructions = per_step()

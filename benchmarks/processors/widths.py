@@ -34,8 +34,9 @@ from mi_dogsplat.scene.splats import Splats
 
 from ..engine.kinds import Kind, dog, with_curvatures, with_slopes, with_two_cuts
 from ..engine.lean import engine_backward, engine_forward
+from ..flags import at_least_one
 from ..models import fern_points
-from .targets import environment
+from .targets import TARGETS, environment
 
 SCENES = Path(__file__).parents[2] / "scenes"
 CONTESTANTS = ["own", "avx2:4,4,4,4,4", "avx2", "sse:4,4,4,4,4", "sse"]
@@ -102,12 +103,22 @@ def main(flags: Sequence[str]) -> None:
             print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
 
 
+def contestant(name: str) -> str:
+    """A name as ``--contestants`` takes it."""
+    target, _, blocks = name.partition(":")
+    if target not in ("own", *TARGETS):
+        raise argparse.ArgumentTypeError(f"{target} is none of own, {', '.join(TARGETS)}")
+    if blocks and not (len(numbers := blocks.split(",")) == 5 and all(number.isdecimal() for number in numbers)):
+        raise argparse.ArgumentTypeError(f"{blocks} are not five numbers with commas")
+    return name
+
+
 def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks widths", description=__doc__)
-    parser.add_argument("--contestants", nargs="+", default=CONTESTANTS)
+    parser.add_argument("--contestants", nargs="+", type=contestant, default=CONTESTANTS)
     parser.add_argument("--models", nargs="+", default=list(MODELS), choices=list(MODELS))
-    parser.add_argument("--starts", type=int, default=3, help="of all processes")
-    parser.add_argument("--rounds", type=int, default=11, help="after each start")
+    parser.add_argument("--starts", type=at_least_one, default=3, help="of all processes")
+    parser.add_argument("--rounds", type=at_least_one, default=11, help="after each start")
     parser.add_argument("--serve", choices=list(MODELS), help=argparse.SUPPRESS)  # what a contestant is started with
     parser.add_argument("--blocks", default="", help=argparse.SUPPRESS)
     return parser.parse_args(flags)

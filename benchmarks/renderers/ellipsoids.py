@@ -25,6 +25,7 @@ from mi_dogsplat.scene.mitsuba_cameras import camera_from_mitsuba, camera_to_mit
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.pictures import heat_map, write_png
+from mi_dogsplat.support.variants import set_variant
 
 from .ray_model import (
     DOGSPLAT,
@@ -199,7 +200,7 @@ def main(argv: Sequence[str]) -> None:
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--picture", action="store_true", help="draw the picture alone, without the tables")
     args = parser.parse_args(argv)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     if not args.picture:
         one_gaussian()
         entry_errors()

@@ -14,16 +14,17 @@ from pathlib import Path
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.variants import set_variant
 
 from ..engine.lean import engine_backward, engine_forward
 from ..engine.scaling import even_model, front_camera
+from ..flags import at_least_one
 from ..models import DATA, fern_opaque, fern_points, playbot
 from ..timing import medians
 from . import gsplat_passes
@@ -37,7 +38,7 @@ Passes = tuple[Callable[[], None], Callable[[], None]]
 
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     without = [] if (reason := gsplat_passes.missing()) is None else [f"gsplat is missing: {reason}"]
     rows = []
     for name, (splats, camera) in cases(args):
@@ -66,7 +67,7 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks renderers", description=__doc__)
     parser.add_argument("--primitives", type=int, nargs="*", default=[10_000, 100_000, 1_000_000])
     parser.add_argument("--width", type=int, default=800, help="of the view, 4:3")
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--rounds", type=at_least_one, default=5)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--json", type=Path, help="also write the rows to this file")
     return parser.parse_args(flags)

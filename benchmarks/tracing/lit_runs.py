@@ -7,9 +7,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import mitsuba as mi
 from mi_dogsplat.editing.simplify import simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
+from mi_dogsplat.support.variants import set_variant
 
 from .error_table import ErrorTable
 from .lit_scenes import loaded, picture
@@ -34,7 +34,7 @@ def parsed(parser: argparse.ArgumentParser, argv: list[str]) -> argparse.Namespa
     """The options; their variant is the active one from now on."""
     args = parser.parse_args(argv)
     args.size = args.size[0], args.size[1]
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     return args
 
 

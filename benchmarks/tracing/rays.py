@@ -26,6 +26,7 @@ from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.plugin.ellipsoids import to_ellipsoids
 from mi_dogsplat.render.framing import automatic_camera
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.tracing.blend import passes, radiance
 from mi_dogsplat.tracing.kernels import Line
 from mi_dogsplat.tracing.options import TraceOptions
@@ -35,6 +36,7 @@ from mi_dogsplat.tracing.tree import Tree, build
 from mi_dogsplat.tracing.vectors import dot
 from mi_dogsplat.tracing.visits import Walk
 
+from ..flags import at_least_one
 from ..models import DATA
 from ..renderers.ray_model import ray_directions
 from ..timing import medians
@@ -192,10 +194,10 @@ def main(argv: Sequence[str] = ()) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks rays", description=__doc__)
     parser.add_argument("models", nargs="*", type=Path, default=MODELS, help="default: the still life, and playbot")
     parser.add_argument("--rays", type=int, default=65536, help="of each kind (default: %(default)s)")
-    parser.add_argument("--rounds", type=int, default=5, help="(default: %(default)s)")
+    parser.add_argument("--rounds", type=at_least_one, default=5, help="(default: %(default)s)")
     parser.add_argument("--variant", default="llvm_ad_rgb")
     args = parser.parse_args(argv)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     for path in args.models:
         splats = read_model(path).splats
         print(f"## {path.stem}: {splats.n_splats:,} primitives, SH degree {splats.sh_degree}\n")

@@ -15,12 +15,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.srgb import linear_to_srgb
+from mi_dogsplat.support.variants import set_variant
 
 from .lit_scenes import INDOORS, loaded, picture, with_lamp
 
@@ -42,7 +42,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--seeds", type=int, default=12)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     args = parser.parse_args(argv)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     from mi_dogsplat.plugin import dogpath, light_paths  # classes of the variant
 
     sought, emitted = dogpath.lamps_of, light_paths.emitted

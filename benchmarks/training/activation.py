@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,8 +22,10 @@ SWEEP_EVERY = 50  # steps between looks at the number of DoG primitives and the 
 def pruned_state(config: TrainConfig, dataset: Dataset, out: Path) -> dict[str, np.ndarray]:
     """State of a run at the step at which its recipe makes the model DoG, from an earlier call or made now."""
     settings = config.preset, config.steps, config.target, config.downscale, config.max_primitives, config.seed
+    place = Path(config.data).resolve()  # two captures may have one name
+    capture = f"{place.name}_{zlib.crc32(str(place).encode()):08x}"
     split = [] if config.split == "test" else [config.split]
-    path = out / ("_".join([Path(config.data).name, *map(str, settings), *split]) + ".npz")
+    path = out / ("_".join([capture, *map(str, settings), *split]) + ".npz")
     if not path.exists():
         recipe = RECIPES[config.preset]
         trainer = Trainer(config, dataset, replace(recipe, dog=None, **dict.fromkeys(GIVEN)))

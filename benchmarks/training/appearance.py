@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import SPLITS
 from mi_dogsplat.measure.evaluate import Measure, evaluate_views, mean_metrics
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.appearance import Appearance
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 
@@ -51,7 +51,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--max-primitives", type=int, default=30_000)
     parser.add_argument("--split", choices=SPLITS, default="test")
     args = parser.parse_args(argv)
-    mi.set_variant("llvm_ad_rgb")
+    set_variant("llvm_ad_rgb")
     args.out.mkdir(parents=True, exist_ok=True)
     results, settings = args.out / "results.jsonl", []
     for seed, data, phone, way in itertools.product(args.seeds, args.data, args.phones, args.ways):

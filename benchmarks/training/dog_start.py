@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.dog_control import DogRule
@@ -42,7 +42,7 @@ COLUMNS = (
 
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     table = args.out / "dog_start.md"
     begin_table(table, COLUMNS)
     dataset = load_dataset(str(DATA / args.scene), args.downscale)

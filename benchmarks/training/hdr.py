@@ -44,6 +44,8 @@ from mi_dogsplat.training.presets import RECIPES, Recipe
 from mi_dogsplat.training.strategy.strategy import Strategy, Training
 from PIL import Image, ImageDraw, ImageFont
 
+from .kept import same_settings
+
 SHADOW, LAMP = 0.05, 10.0  # times white
 FLOOR = 1e-4  # of white, below which nothing is told apart
 SUFFIXES = (".ply", ".sog", ".compressed.ply", ".spz")
@@ -115,6 +117,7 @@ RUNS = (PNG, *CURVES, SAME_STEPS)
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
     set_variant(args.variant)
+    same_settings(args.out, args, "scene", ("preset", "steps", "views", "size", "spp"))
     names = args.runs.split("; ") if args.runs else RUNS
     folders = {hdr: _captured(args, hdr) for hdr in sorted({True, *(name != PNG for name in names)})}
     truth = load_dataset(folders[True], split="validation")

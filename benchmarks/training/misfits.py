@@ -12,12 +12,12 @@ import shutil
 from pathlib import Path
 
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.colmap import find_model, read_sources
 from mi_dogsplat.report.run_folder import MISFITS
 from mi_dogsplat.runs.run import train
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from PIL import Image
 
@@ -36,7 +36,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--downscale", type=int, default=4)
     parser.add_argument("--max-primitives", type=int, default=15_000)
     args = parser.parse_args(argv)
-    mi.set_variant("llvm_ad_rgb")
+    set_variant("llvm_ad_rgb")
     for data in args.data:
         top = args.out / data.resolve().name
         planted = spoil(data, top / "spoilt")

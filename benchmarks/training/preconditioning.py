@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import mitsuba as mi
 from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.optimizer.preconditioning import Preconditioning
 from mi_dogsplat.training.presets import PRECONDITIONING, RECIPES
@@ -35,7 +35,7 @@ WARM_UP = 20  # steps of the rule before its time is taken
 
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     dataset = load_dataset(args.data, args.downscale, split="validation")
     configs = [
         TrainConfig(

@@ -44,6 +44,8 @@ from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.strategy.scheduler import target_count
 
+from .kept import same_settings
+
 MEASURES = {"psnr": "PSNR, dB", "ssim": "SSIM", "flip": "FLIP"}
 AXES = {"bytes": ("file, MB", 1e-6), "n": ("primitives", 1.0)}
 PLOTS = (("bytes", "psnr"), ("n", "psnr"), ("bytes", "ssim"), ("bytes", "flip"))
@@ -76,7 +78,7 @@ def main(flags: Sequence[str]) -> None:
         data=args.data, preset="3dgs", steps=args.steps, downscale=args.downscale, seed=args.seed,
         max_primitives=args.max_primitives, max_world_scale=math.inf, split=args.split, checkpoint_seconds=300,
     )  # fmt: skip
-    args.out.mkdir(parents=True, exist_ok=True)
+    same_settings(args.out, args, "data", ("downscale", "steps", "max_primitives", "split", "seed"))
     dataset = load_dataset(base.data, base.downscale, split=base.split)
     background = background_color(base.background, dataset.has_alpha)
     rows, pictures = [], {}

@@ -14,11 +14,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
 from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.datasets.dataset import View, seen_by
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.drawing import DrawnAs
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.train import Trainer
@@ -64,7 +64,7 @@ def main(flags: list[str]) -> None:
     parser.add_argument("--max-primitives", type=int, default=5000, help="before pruning (default: 5000)")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args(flags)
-    mi.set_variant("llvm_ad_rgb")
+    set_variant("llvm_ad_rgb")
     for path in args.data:
         dataset = load_dataset(path, args.downscale)
         config = TrainConfig(

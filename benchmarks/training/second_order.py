@@ -12,7 +12,8 @@ The step is halved until the loss of the batch falls. After a whole step λ is h
 
     python -m benchmarks second_order DATA [--downscale K] [--max-primitives N] [--views 32 223] [--seconds S]
 
-PSNR is that of validation views; the time that they take is left out. The state is kept in ``--out``.
+PSNR is that of validation views; the time that they take is left out. The state is kept in ``--out``, for calls with
+the same data and the same steps.
 """
 
 from __future__ import annotations
@@ -24,17 +25,18 @@ from pathlib import Path
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.engine.parameters import device_array
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture import photograph, render_picture, seen_as
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
+from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 
 from ..numerics.curvature import Jacobian
+from .kept import same_settings
 
 L1_WEIGHT = 0.8  # of the training loss
 RESIDUAL = 0.01  # below which W grows no more: 2.5 levels of 255
@@ -194,13 +196,13 @@ def main(flags: list[str]) -> None:
     parser.add_argument("--seconds", type=float, default=300, help="of each batch size (default: 300)")
     parser.add_argument("--out", type=Path, default=Path("second_order"))
     args = parser.parse_args(flags)
-    mi.set_variant("llvm_ad_rgb")
+    set_variant("llvm_ad_rgb")
     config = TrainConfig(
         args.data, "ours", args.steps, downscale=args.downscale, max_primitives=args.max_primitives,
         max_world_scale=float("inf"),
     )  # fmt: skip
     dataset = load_dataset(args.data, args.downscale, split="validation")
-    args.out.mkdir(parents=True, exist_ok=True)
+    same_settings(args.out, args, "data", ("downscale", "max_primitives", "steps", "start"))
     kept = args.out / "state.npz"
     if not kept.exists():
         trainer = Trainer(config, dataset)

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.editing.simplify import amounts_seen, cameras_of, fitted, look_of, simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
@@ -25,6 +24,7 @@ from mi_dogsplat.render.framing import AUTOMATIC_SIZE, cameras_around, likely_up
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.render.vantages import cameras_inside
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.variants import set_variant
 
 VIEWS = 12  # of each kind
 SEED = 12345  # of the cameras inside
@@ -57,7 +57,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--starts", action="store_true", help="also fit the other results, and what weighs most")
     parser.add_argument("--variant", default="llvm_ad_rgb")
     args = parser.parse_args(argv)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     ways = {"merged": (0, False), "fitted": (args.steps, False), "with DoG": (args.steps, True)}
     print("| model | left | how | around, black | around, grey | inside, grey | seconds |")
     print("|---|---|---|---|---|---|---|")

@@ -15,7 +15,6 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
@@ -27,6 +26,7 @@ from mi_dogsplat.scene.linear_map import sh_projection
 from mi_dogsplat.scene.sh_basis import C0, sh_basis_table
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
+from mi_dogsplat.support.variants import set_variant
 
 FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)
 
@@ -90,7 +90,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--factors", type=float, nargs="+", default=FACTORS)
     parser.add_argument("--views", type=int, default=6)
     args = parser.parse_args(arguments)
-    mi.set_variant(args.variant)
+    set_variant(args.variant)
     print("| stretch | degree 1 | degree 2 | degree 3 |\n" + "|---" * 4 + "|")
     for factor in args.factors:
         shares = " | ".join(f"{100 * of_bands(factor, degree):.1f} %" for degree in (1, 2, 3))

@@ -92,6 +92,8 @@ class Session:
         self.note(step.name, step.title, shell(step), "not run", 0.0, Result(reason))
 
     def _start(self, step: Step, limit: float) -> Running:
+        for path in step.fresh:
+            path.unlink(missing_ok=True)
         return Running(step.command, self._log(step), min(limit, step.limit), self._also | step.environment)
 
     def _wait_for_those_aside(self) -> None:

@@ -47,6 +47,7 @@ class Step:
         bounded: being stopped at its limit is no failure: what was done until then counts.
         untold: exit status that says in the last line why there is nothing to tell.
         keep: files that are copied beside the report.
+        fresh: files of an earlier call that are removed before it starts: they would be told as its own.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Step:
     bounded: bool = False
     untold: int | None = None
     keep: tuple[Path, ...] = ()
+    fresh: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,8 @@ def _benchmark(setup: Setup, name: str, limit: float, *small: object) -> Step:
     command = _python("-m", "benchmarks", of, "--variant", "cuda_ad_rgb", "--json", file)
     command += ["--everything"] if of != name else []
     command += map(str, small if setup.quick else ())
-    return Step(name, BENCHMARKS[name], command, limit, 30, partial(results.figures, file), alone=True, bounded=True)
+    common = {"alone": True, "bounded": True, "fresh": (file,)}
+    return Step(name, BENCHMARKS[name], command, limit, 30, partial(results.figures, file), **common)
 
 
 def _training(setup: Setup, optix: bool) -> list[Step]:

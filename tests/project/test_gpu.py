@@ -8,6 +8,7 @@ import sys
 import tarfile
 import time
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,14 @@ def test_a_step_that_fails_does_not_end_the_others(session, tmp_path):
     assert report.failed(session.report) == ["bad"]
     log = (tmp_path / "out" / "log.txt").read_text()
     assert "### good: python -c" in log and "### failed, status 1" in log and "broken" in log
+
+
+def test_figures_of_an_earlier_call_are_not_told_as_those_of_one_that_fails(tmp_path, session):
+    (step,) = (s for s in steps(Setup(tmp_path, None, 2, True, True), False) if s.name == "million")
+    (tmp_path / "million.json").write_text('[{"forward, ms": 1}]')
+    session.run([replace(step, command=[sys.executable, "-c", "raise SystemExit('broken')"])], optix=False)
+    told = session.report["steps"]["million"]
+    assert told["outcome"] == "failed" and told["rows"] == []
 
 
 def test_what_is_late_is_asked_to_stop_and_then_killed_with_what_it_started(tmp_path):
