@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.cameras import Camera
+from ..scene.cameras import Camera, inverse_rigid
 from ..support.errors import DataError
 from .check import require_plausible
 from .colmap_files import read_cameras, read_images, read_points
@@ -94,7 +94,7 @@ def read_positions(model: Path) -> dict[str, np.ndarray]:
     """Camera centres [3] of a model in world space, by view name, whatever its lenses are. Raises ``DataError``."""
     file = _file(model, "images")
     assert file
-    return {view_name(image.name): -image.w2c[:3, :3].T @ image.w2c[:3, 3] for image in read_images(file)}
+    return {view_name(image.name): inverse_rigid(image.w2c)[:3, 3] for image in read_images(file)}
 
 
 def read_model_points(model: Path) -> ColmapPoints:

@@ -15,13 +15,12 @@ import numpy as np
 
 from ..scene.quaternions import rotation_from_quaternion
 from ..scene.splats import Array
-from ..support.errors import DataError
+from ..support.errors import DAMAGED, DataError
 from ..support.files import parse_json
 
 MAGIC, VERSION, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-AGAIN = "the file is damaged: copy or export it again"
 
 
 @dataclass
@@ -51,7 +50,7 @@ class Container:
                 binary = data[28 + length : 28 + length + size] if kind == BINARY_CHUNK else b""
             return cls(path, content, binary)
         except (struct.error, ValueError) as error:
-            raise DataError(path, f"is no glTF 2 ({error})", AGAIN) from error
+            raise DataError(path, f"is no glTF 2 ({error})", DAMAGED) from error
 
     def accessor(self, index: Any) -> Array:
         """Values [count, width] of an accessor, as numbers; normalised integers become 0..1 or -1..1."""

@@ -20,7 +20,7 @@ from ..scene.drawing import Drawing, drawing_of_extras
 from ..scene.orientation import UP, placement
 from ..scene.splats import Array, Splats
 from ..scene.transform import mean_scale, transformed
-from ..support.errors import DataError
+from ..support.errors import DAMAGED, DataError
 from ..support.wording import printable
 from .gltf_container import Container, entry, matrix_of
 from .limits import FREE, RATIO
@@ -55,7 +55,7 @@ def read(path: Path) -> Model:
         raise
     except (struct.error, ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:
         problem = f"is no glTF of Gaussians ({type(error).__name__}: {error})"
-        raise DataError(path, problem, "the file is damaged: copy or export it again") from error
+        raise DataError(path, problem, DAMAGED) from error
 
 
 def _models(container: Container) -> Iterator[tuple[Model, Array]]:

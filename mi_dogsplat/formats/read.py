@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 import numpy as np
 
 from ..scene.radiance import brightened
-from ..support.errors import DataError, writing
+from ..support.errors import DAMAGED, DataError, writing
 from ..support.files import parse_json
 from . import gltf_container, sog_read, spz_container
 from .model import Model, require_finite
@@ -37,7 +37,7 @@ def read_model(path: str | Path) -> Model:
                 model = replace(model, splats=brightened(model.splats, model.drawing.white))
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
-    require_finite(path, model.splats, "the file is damaged: copy or export it again")
+    require_finite(path, model.splats, DAMAGED)
     return model if chosen.turn is None else replace(model, splats=turned(model.splats, chosen.turn))
 
 

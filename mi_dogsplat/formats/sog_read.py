@@ -14,7 +14,7 @@ import numpy as np
 
 from ..scene.drawing import Drawing, drawing_of_extras, value_of
 from ..scene.splats import Array, Splats
-from ..support.errors import DataError
+from ..support.errors import DAMAGED, DataError
 from ..support.files import parse_json
 from ..support.wording import counted
 from .limits import require_proportion
@@ -24,7 +24,6 @@ from .packing import SQRT2, from_smallest_three, logits
 FIRST_TAG = 252
 PER_ROW = 64  # entries of the palette
 META = "meta.json"
-AGAIN = "the file is damaged: copy or export it again"
 SH_SIZES = (0, 3, 8, 15)  # coefficients by ``bands``, without the first
 NUMBERS = 14  # of a primitive without ``rest``; a code each, as the bytes of SPZ are counted
 
@@ -39,7 +38,7 @@ def read(path: Path) -> Model:
                     raise DataError(path, f"is a ZIP file without {META}, and so no SOG model", "give another file")
                 return _read(path, size, lambda name: _unpacked(path, size, bundle, name))
         if path.suffix.lower() == ".sog":
-            raise DataError(path, "is no SOG model: it is no ZIP file, or a part of one", AGAIN)
+            raise DataError(path, "is no SOG model: it is no ZIP file, or a part of one", DAMAGED)
         files = _Folder(path)
         return _read(path, files.size(), files.content)
     except DataError:
@@ -51,7 +50,7 @@ def read(path: Path) -> Model:
         NotImplementedError, RuntimeError, OverflowError, SyntaxError,  # of zipfile and Pillow
     ) as error:  # fmt: skip
         problem = f"is no SOG model ({type(error).__name__}: {error})"
-        raise DataError(path, problem, AGAIN) from error
+        raise DataError(path, problem, DAMAGED) from error
 
 
 def files_beside(path: Path) -> list[Path]:

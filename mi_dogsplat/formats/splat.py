@@ -15,7 +15,7 @@ import numpy as np
 
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
-from ..support.errors import DataError
+from ..support.errors import DAMAGED, DataError
 from ..support.wording import counted
 from .model import Model
 from .packing import finite_scales, logits, unit_quats
@@ -41,7 +41,7 @@ def read(path: Path) -> Model:
     data = path.read_bytes()
     if len(data) % ROW.itemsize:
         problem = f"{counted(len(data), 'byte')}: no whole number of primitives of {ROW.itemsize}"
-        raise DataError(path, problem, "the file is damaged: copy or export it again")
+        raise DataError(path, problem, DAMAGED)
     rows = np.frombuffer(data, ROW)
     rgba = rows["rgba"] / 255.0
     log_scales = np.log(np.maximum(rows["scales"].astype(np.float64), SMALLEST_SCALE))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..support.errors import DataError
+from ..support.errors import DAMAGED, DataError
 from .limits import require_proportion
 
 MAGIC = 0x5053474E
@@ -28,7 +28,6 @@ GZIP, NGSP = b"\x1f\x8b", b"NGSP"
 ATTRIBUTES = ("positions", "opacities", "colors", "scales", "rotations", "sh")
 PIECE = 1 << 16  # bytes that are read at a time, of what is not kept
 LEVEL = 12  # of Zstandard, as the reference encoder's
-AGAIN = "the file is damaged: copy or export it again"
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ def unwrapped(path: Path, data: bytes) -> Payload:
     if data[:4] == NGSP:
         return _streams(path, data)
     if data[:2] != GZIP:
-        raise DataError(path, "is no SPZ file: it begins neither with gzip nor with NGSP", AGAIN)
+        raise DataError(path, "is no SPZ file: it begins neither with gzip nor with NGSP", DAMAGED)
     try:
         inflate = zlib.decompressobj(16 + zlib.MAX_WBITS)
         head = inflate.decompress(data, HEADER.size)
@@ -67,9 +66,9 @@ def unwrapped(path: Path, data: bytes) -> Payload:
         if len(body) == need:
             _to_the_end(path, inflate, need, len(data))
     except (zlib.error, struct.error) as error:
-        raise DataError(path, f"its gzip stream holds no SPZ data ({error})", AGAIN) from error
+        raise DataError(path, f"its gzip stream holds no SPZ data ({error})", DAMAGED) from error
     if len(body) != need:
-        raise DataError(path, f"{n} primitives need {need} bytes, the gzip stream has {len(body)}", AGAIN)
+        raise DataError(path, f"{n} primitives need {need} bytes, the gzip stream has {len(body)}", DAMAGED)
     attributes, at = {}, 0
     for name, size in sizes.items():
         attributes[name] = body[at : at + n * size]
@@ -87,7 +86,7 @@ def _to_the_end(path: Path, inflate: Any, before: int, packed: int) -> None:
     while not inflate.eof:
         more = inflate.decompress(inflate.unconsumed_tail, PIECE)
         if not more and not inflate.eof:
-            raise DataError(path, "its gzip stream ends before its check sum", AGAIN)
+            raise DataError(path, "its gzip stream ends before its check sum", DAMAGED)
         before += len(more)
         require_proportion(path, before, packed)
 
@@ -128,7 +127,7 @@ def _streams(path: Path, data: bytes) -> Payload:
         _check(path, magic, version, degree, (4,))
         sizes = [SIZES.unpack_from(data, at + i * SIZES.size) for i in range(count)]
     except struct.error as error:
-        raise DataError(path, f"ends within its header ({error})", AGAIN) from error
+        raise DataError(path, f"ends within its header ({error})", DAMAGED) from error
     at += count * SIZES.size
     wanted = [(name, n * size) for name, size in attribute_sizes(version, degree).items()]
     missing = len(wanted) - count
@@ -136,34 +135,34 @@ def _streams(path: Path, data: bytes) -> Payload:
         wanted.pop()
         missing = 0
     if missing > 0 or at + sum(packed for packed, _ in sizes) > len(data):
-        raise DataError(path, f"its table of {count} streams does not fit its {len(data)} bytes", AGAIN)
+        raise DataError(path, f"its table of {count} streams does not fit its {len(data)} bytes", DAMAGED)
     require_proportion(path, sum(need for _, need in wanted), len(data))
     zstandard, attributes = zstandard_for(path), {"sh": b""}
     for (name, need), (packed, unpacked) in zip(wanted, sizes, strict=False):  # others come after those known here
         stream = data[at : at + packed]
         at += packed
         if unpacked != need:
-            raise DataError(path, f"{n} primitives need {need} bytes of {name}, the table has {unpacked}", AGAIN)
+            raise DataError(path, f"{n} primitives need {need} bytes of {name}, the table has {unpacked}", DAMAGED)
         try:
             content = zstandard.ZstdDecompressor().stream_reader(stream).read(need + 1) if need else b""
         except zstandard.ZstdError as error:
-            raise DataError(path, f"its stream of {name} cannot be unpacked ({error})", AGAIN) from error
+            raise DataError(path, f"its stream of {name} cannot be unpacked ({error})", DAMAGED) from error
         if len(content) != need:
-            raise DataError(path, f"{n} primitives need {need} bytes of {name}, the stream has {len(content)}", AGAIN)
+            raise DataError(path, f"{n} primitives need {need} bytes of {name}, the stream has {len(content)}", DAMAGED)
         attributes[name] = content
     return Payload(version, n, degree, bits, flags, attributes)
 
 
 def _check(path: Path, magic: int, version: int, degree: int, versions: tuple[int, ...]) -> None:
     if magic != MAGIC:
-        raise DataError(path, "is no SPZ file: its header does not begin with NGSP", AGAIN)
+        raise DataError(path, "is no SPZ file: its header does not begin with NGSP", DAMAGED)
     if version not in versions:
         in_gzip = "pack it with gzip, which versions 2 and 3 are in"  # a browser may have unpacked it
         remedies = {2: in_gzip, 3: in_gzip, 4: "unpack it: versions 2 and 3 alone are in gzip"}
         remedy = remedies.get(version, "convert it to version 2, 3 or 4")
         raise DataError(path, f"is SPZ of version {version}", remedy)
     if degree > MAX_DEGREE:
-        raise DataError(path, f"has spherical harmonics of degree {degree}, there are 0 to {MAX_DEGREE}", AGAIN)
+        raise DataError(path, f"has spherical harmonics of degree {degree}, there are 0 to {MAX_DEGREE}", DAMAGED)
 
 
 def zstandard_for(path: Path) -> Any:

@@ -60,15 +60,12 @@ class Camera:
     @property
     def c2w(self) -> np.ndarray:
         """Camera to world, float64 [4, 4]."""
-        c2w = np.eye(4)
-        c2w[:3, :3] = self.w2c[:3, :3].T
-        c2w[:3, 3] = self.position
-        return c2w
+        return inverse_rigid(self.w2c)
 
     @property
     def position(self) -> np.ndarray:
         """Centre of projection in world space, float64 [3]."""
-        return -self.w2c[:3, :3].T @ self.w2c[:3, 3]
+        return self.c2w[:3, 3]
 
     @property
     def K(self) -> np.ndarray:

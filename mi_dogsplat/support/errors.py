@@ -8,6 +8,7 @@ from pathlib import Path
 
 from .wording import printable
 
+DAMAGED = "the file is damaged: copy or export it again"  # the remedy, of files that programs write
 QUOTED = 600  # characters of a name, or of what quotes a file
 
 
