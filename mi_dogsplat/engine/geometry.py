@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .arrays import array_types
+from .arrays import array_types, constant
 from .drjit_internals import llvm_packet
 
 LANES = {16: (4, 4), 8: (4, 2), 4: (2, 2)}  # of a tile on the CPU, by the lanes of a packet
@@ -104,6 +104,8 @@ class Lanes:
     tile: Any  # UInt, its tile
     x: Any  # UInt, first pixel of its block
     y: Any
+    width: Any  # UInt, of the image, which kernels read: one that held it would be another for each size
+    height: Any
 
 
 @dataclass(frozen=True)
@@ -141,11 +143,13 @@ class Grid:
         UInt, b = array_types().UInt, self.blocks
         lane = dr.arange(UInt, len(rows) * self.tiles_x * b.lanes_per_tile)
         tile, lane = lane // b.lanes_per_tile, lane % b.lanes_per_tile
-        tile_y = tile // self.tiles_x
-        x = (tile - tile_y * self.tiles_x) * b.tile_width + (lane % b.lanes_x) * b.stride_x
+        tiles_x = constant(UInt, "tiles_x", self.tiles_x)
+        tile_y = tile // tiles_x
+        x = (tile - tile_y * tiles_x) * b.tile_width + (lane % b.lanes_x) * b.stride_x
         y = (tile_y + dr.opaque(UInt, rows.start)) * b.tile_height + (lane // b.lanes_x) * b.stride_y
         dr.make_opaque(tile, x, y)
-        return Lanes(tile, x, y)
+        size = constant(UInt, "width", self.width), constant(UInt, "height", self.height)
+        return Lanes(tile, x, y, *size)
 
 
 @lru_cache(maxsize=64)

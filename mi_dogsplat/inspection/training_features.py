@@ -28,7 +28,7 @@ def dataset_features(path: Path) -> list[Feature]:
     points, alpha, tests = len(dataset.points), dataset.has_alpha, len(dataset.test)
     masks = "laid over the background once, as the images are read: nothing per step"
     white, black = f"white, for images with alpha; {BEHIND}", "black, unless --background white asks for it"
-    compiled = f"{len(sizes)}; the compositor is compiled for each"
+    compiled = f"{len(sizes)}; the passes are recorded for each, not compiled"
     return [
         feature("alpha masks", alpha, masks, "the images have no alpha"),
         feature("background", alpha, white, black),

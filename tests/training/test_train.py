@@ -11,7 +11,7 @@ import pytest
 import tiny_data
 from changed_strategy import change_densification
 from happenings import history_of, records, rows_with
-from launches import counts_without_compiling
+from launches import KernelWatch, counts_without_compiling
 from mi_dogsplat import read_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import camera_extent
@@ -222,6 +222,15 @@ def test_the_cap_holds_for_random_primitives_too(tmp_path):
 def test_no_kernel_is_compiled_after_warm_up_while_the_count_changes(data):
     trainer = Trainer(config_of(data, max_primitives=None, steps=300), load_dataset(data))
     assert len(counts_without_compiling(trainer, 20, 100)) > 5
+
+
+def test_a_training_of_smaller_images_compiles_no_kernel_that_one_of_larger_ones_had(data):
+    with KernelWatch() as kernels:
+        for downscale in (1, 2):
+            kernels.forget()
+            dataset = load_dataset(data, downscale=downscale)
+            list(run_to_end(Trainer(config_of(data, preset="ours", steps=60, downscale=downscale), dataset)))
+    assert kernels.launched and kernels.new == []
 
 
 def test_an_interrupted_run_leaves_whole_files_and_no_measurements_of_an_earlier_one(data, tmp_path):

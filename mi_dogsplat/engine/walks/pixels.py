@@ -26,11 +26,11 @@ class BlockPixels:
     def __init__(self, grid: Grid, lanes: Lanes):
         self.types, self.count, x, y = array_types(), grid.blocks.width * grid.blocks.height, lanes.x, lanes.y
         self.n_image, rows, columns = grid.width * grid.height, range(grid.blocks.height), range(grid.blocks.width)
-        in_column = [(x + k) < grid.width for k in columns]
-        in_row = [(y + k) < grid.height for k in rows]
+        in_column = [(x + k) < lanes.width for k in columns]
+        in_row = [(y + k) < lanes.height for k in rows]
         self.inside = [r & c for r in in_row for c in in_column]  # of the image
-        first = y * grid.width + x
-        self.index = [first + (r * grid.width + c) for r in rows for c in columns]
+        first = dr.fma(y, lanes.width, x)
+        self.index = [dr.fma(lanes.width, r, first + c) for r in rows for c in columns]
 
     def zeros(self, planes: int = 1) -> list:
         """0 at all pixels, of some planes one after the other."""
