@@ -2,7 +2,6 @@
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 import pytest
 from launches import KernelWatch
 from mi_dogsplat.engine.aovs import AOVS
