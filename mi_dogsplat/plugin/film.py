@@ -73,8 +73,9 @@ class Filter:
             return [*planes[:-1], dr.full(mi.Float, 1, width * height)]
         size = width + 2 * self.border, height + 2 * self.border
         index = dr.arange(mi.UInt32, size[0] * size[1])
-        y = index // dr.opaque(mi.UInt32, size[0])
-        column, row = mi.Float(index - y * size[0]), mi.Float(y)
+        columns = dr.opaque(mi.UInt32, size[0])
+        y = index // columns
+        column, row = mi.Float(index - y * columns), mi.Float(y)
         # a sample beside the border of a pixel could be rounded into the next one; a box needs its pixel only
         inside = (0.5, 0.5) if self.filter.is_box_filter() else (sample.x, sample.y)
         x, y = (

@@ -20,6 +20,7 @@ from ..support.scene_errors import scene_error
 from ..support.threads import threads_to_load
 from .masks import camera_masks, hides_lamps, is_masked
 from .objects import objects_shine
+from .opaque import make_opaque
 from .request import Request
 
 FORMAT = 'write the dictionary of a Mitsuba scene, its transforms as {"matrix": [[...], ...]}'
@@ -49,6 +50,7 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
             described["sensor"] = sensor
         with threads_to_load():
             scene = mi.load_dict(described)
+        make_opaque(scene)
     except (RuntimeError, ValueError, TypeError) as error:
         raise scene_error(request.scene, error, "Mitsuba cannot load it") from error
     if len(scene.sensors()) != 1:
