@@ -57,6 +57,7 @@ def render_model(
     names = _aovs(out, aovs)
     read = read_model(model)
     view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
+    options.require_for(view.linear)
     background = view.background if suffix == ".png" else 0.0
     how = {"antialiased": view.antialiased, "linear": view.linear, "white": view.white}
     if appearance and view.linear:

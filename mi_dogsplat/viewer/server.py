@@ -72,6 +72,7 @@ class Server:
         self.source, self.options, self._trouble = source, options, ""
         views = [*dataset.test, *dataset.train] if dataset else []
         drawn = self._drawn(splats, bool(views))
+        options.require_for(drawn.linear)
         self.drawing = Drawing(splats, drawn.near_clip, drawn.antialiased, views, drawn.linear, drawn.white)
         self.settings = Settings(background=background, sh_degree=splats.sh_degree)
         self.visitors: dict[int, tuple[Any, Pace]] = {}

@@ -309,6 +309,7 @@ def test_two_films_never_share_a_folder(model, tmp_path):
         (["-o", "{}/f", "--crf", "20"], ["--crf: is for videos, and", "f is for pictures"]),
         (["-o", "{}/f.mp4", "--smoothing", "1"], ["--smoothing: is not for --path orbit"]),
         (["-o", "{}/f.mp4", "--samples", "4"], ["--samples: is for motion blur, and there is none"]),
+        (["-o", "{}/f.mp4", "--white", "3"], ["--white: is of linear radiance", "are sRGB values", "add --linear"]),
         (["-o", "{}/f.mp4", "--shutter", "1.5"], ["--shutter: 1.5 is out of range"]),
         (["-o", "{}/f.mp4", "--data", "{}/none"], ["none: no such file or folder"]),
         (["-o", "{}/file/f.mp4"], ["cannot be written"]),
