@@ -67,8 +67,10 @@ def make_film(
     if pictures is not None and config.says("crf"):
         refuse("crf", f"is for videos, and {out} is for pictures", f"leave it out, or name a video {SUFFIX}")
     subject = read_subject(model, data, options)
+    options.require_for(subject.drawn.linear)
     path = _path(subject, config)
-    size = config.size or _even(path.size or DEFAULT_SIZE)
+    size = path.size or DEFAULT_SIZE
+    size = config.size or (_even(size) if pictures is None else size)
     n, steps = path.frames(config.seconds, config.fps)
     if n > MOST_FRAMES:
         raise DataError("--seconds", f"{n / config.fps:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from ..scene.drawing import Drawing
-from ..support.settings import Setting, check_settings
+from ..support.settings import Setting, check_settings, refuse
 
 BACKGROUNDS = ("black", "white", "auto", "random")
 BEHIND = "black, white, auto: white for images with alpha, else black"
@@ -54,6 +54,12 @@ class PictureOptions:
     def shrink(self) -> int:
         """The factor of images."""
         return self.downscale or 1
+
+    def require_for(self, linear: bool) -> None:
+        """Raise ``DataError`` for a white that pictures of a model, ``linear`` or not, do not go by."""
+        if self.white is not None and not linear:
+            problem = "is of linear radiance, and the colours of the model are sRGB values"
+            refuse("white", problem, "leave it out, or add --linear")
 
     def or_trained(self, trained: Mapping[str, Any]) -> PictureOptions:
         """With the downscale and background of a run that was ``trained`` with these settings, where none is said."""

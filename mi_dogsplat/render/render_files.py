@@ -37,8 +37,9 @@ def render_model(
 ) -> None:
     """Render a model file to the picture file ``out``.
 
-    PNG shows the model over the background; OpenEXR holds it alone, premultiplied, with alpha and the AOVs; NPZ the
-    same as arrays ``color`` [H, W, 3], ``alpha`` and ``depth`` [H, W], for other programs.
+    PNG shows the model over the background; OpenEXR holds it alone, premultiplied, with alpha and the AOVs; NPZ has
+    arrays ``color`` [H, W, 3], over black, ``alpha`` and ``depth`` [H, W], for other programs: sRGB values, or radiance
+    where the model is linear.
 
     Args:
         model: the model.
@@ -56,6 +57,7 @@ def render_model(
     names = _aovs(out, aovs)
     read = read_model(model)
     view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
+    options.require_for(view.linear)
     background = view.background if suffix == ".png" else 0.0
     how = {"antialiased": view.antialiased, "linear": view.linear, "white": view.white}
     if appearance and view.linear:
@@ -165,5 +167,6 @@ def _aovs(out: Path, aovs: str | None) -> list[str]:
 
 
 def _write_arrays(out: Path, picture: Picture) -> None:
+    color = picture.color if picture.radiance is None else picture.radiance
     with replacing(out) as part, part.open("wb") as file:
-        np.savez(file, color=picture.color, alpha=picture.alpha, depth=np.asarray(picture.depth))
+        np.savez(file, color=color, alpha=picture.alpha, depth=np.asarray(picture.depth))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .page import TEMPLATES
 from .points import RING, ROOM, Note, labels
 from .smoothing import thinned
-from .ticks import log_ticks, nice_ticks, number
+from .ticks import log_ticks, nice_ticks, numbers
 
 WIDTH, LEFT, RIGHT, TOP = 480, 62, 14, 30  # user units; one is about one CSS pixel in the two-column layout
 PLOT_HEIGHT, LANE_HEIGHT, MARK_HEIGHT = 190, 18, 14
@@ -58,7 +58,7 @@ class _Scale:
     def ticks(self, count: int) -> list[tuple[float, str]]:
         """Where they are, and their labels."""
         values = log_ticks(self.low, self.high) if self.log else nice_ticks(self.low, self.high, count)
-        return [(self(value), number(value)) for value in values]
+        return [(self(value), words) for value, words in zip(values, numbers(values), strict=True)]
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ IDLE_SECONDS = 0.01  # between looks at the visitors
 BACKGROUNDS = {"black": 0.0, "grey": 0.5, "white": 1.0}
 HEIGHTS = (120, 1440, 20)  # of the full picture: least, most, step
 QUALITY = {"small": 70, "full": 95}  # of a JPEG
+NEAREST, FURTHEST = 0.01, 1e4  # from the point that visitors turn about, in radii of a model that is small, or large
 
 
 class Server:
@@ -71,6 +72,7 @@ class Server:
         self.source, self.options, self._trouble = source, options, ""
         views = [*dataset.test, *dataset.train] if dataset else []
         drawn = self._drawn(splats, bool(views))
+        options.require_for(drawn.linear)
         self.drawing = Drawing(splats, drawn.near_clip, drawn.antialiased, views, drawn.linear, drawn.white)
         self.settings = Settings(background=background, sh_degree=splats.sh_degree)
         self.visitors: dict[int, tuple[Any, Pace]] = {}
@@ -93,9 +95,10 @@ class Server:
 
     def _start_at(self, camera: Camera, splats: Splats) -> None:
         """Let visitors begin at a camera and turn about the middle of the model."""
-        initial, centre = self.viser.initial_camera, robust_sphere(splats)[0]
+        initial, (centre, radius) = self.viser.initial_camera, robust_sphere(splats)
+        self._nearest, self._furthest = NEAREST * min(radius, 1.0), FURTHEST * max(radius, 1.0)
         forward = camera.w2c[2, :3]
-        distance = max(float(forward @ (centre - camera.position)), 1e-3)
+        distance = max(float(forward @ (centre - camera.position)), self._nearest)
         cameras, said = [view.camera for view in self.drawing.views], self.source.drawing.up
         up = vertical(splats, said) if said or not cameras else up_of_cameras(np.stack([c.c2w for c in cameras]))
         self.viser.scene.set_up_direction(tuple(up))
@@ -134,6 +137,8 @@ class Server:
     def _arrived(self, client: Any) -> None:
         pace = Pace()
         self.visitors[client.client_id] = client, pace
+        # viser has bounds of its own, whatever the unit: the first turn of a wheel would throw visitors back to them
+        client.camera.max_orbit_distance, client.camera.min_orbit_distance = self._furthest, self._nearest
         client.camera.on_update(lambda _: pace.moved(time.monotonic()))
         pace.changed()
 

@@ -86,6 +86,18 @@ def test_an_exr_holds_premultiplied_linear_colour_with_alpha(model, keys, tmp_pa
     np.testing.assert_allclose(file[..., 3], expected.alpha, atol=1e-4)
 
 
+def test_numbered_pictures_have_the_size_of_the_cameras_and_a_video_the_even_one_below(model, tmp_path):
+    camera = replace(tiny_data.cameras()[0], width=33, height=25)
+    write_camera(tmp_path / "camera.json", camera)
+    keys = [json.loads((tmp_path / "camera.json").read_text())] * 2
+    (tmp_path / "keys.json").write_text(json.dumps(keys))
+    along = FilmConfig(path=str(tmp_path / "keys.json"), seconds=0.1)
+    assert make_film(model, tmp_path / "frames", config=along).size == (33, 25)
+    expected = tiny_data.picture(tiny_data.truth(), camera).color
+    assert abs(read_png(tmp_path / "frames" / "0000.png") / 255 - expected).max() < 0.01
+    assert make_film(model, tmp_path / "film.mp4", config=along).size == (32, 24)
+
+
 def test_a_folder_may_have_a_point_in_its_name(model, tmp_path):
     (tmp_path / "take 1.2").mkdir()
     make_film(model, tmp_path / "take 1.2", config=replace(SHORT, seconds=0.1))
@@ -309,6 +321,7 @@ def test_two_films_never_share_a_folder(model, tmp_path):
         (["-o", "{}/f", "--crf", "20"], ["--crf: is for videos, and", "f is for pictures"]),
         (["-o", "{}/f.mp4", "--smoothing", "1"], ["--smoothing: is not for --path orbit"]),
         (["-o", "{}/f.mp4", "--samples", "4"], ["--samples: is for motion blur, and there is none"]),
+        (["-o", "{}/f.mp4", "--white", "3"], ["--white: is of linear radiance", "are sRGB values", "add --linear"]),
         (["-o", "{}/f.mp4", "--shutter", "1.5"], ["--shutter: 1.5 is out of range"]),
         (["-o", "{}/f.mp4", "--data", "{}/none"], ["none: no such file or folder"]),
         (["-o", "{}/file/f.mp4"], ["cannot be written"]),

@@ -157,6 +157,19 @@ def test_an_npz_holds_the_picture_over_black_as_arrays(model, data, tmp_path):
         render_scene(scene_file(tmp_path, SPHERE + SENSOR), tmp_path / "s.npz")
 
 
+def test_an_npz_of_a_linear_model_holds_its_radiance_as_an_exr_does(model, data, tmp_path):
+    for name in ("3.npz", "3.exr"):
+        render_model(model, tmp_path / name, data, "3", options=PictureOptions(linear=True, white=0.1))
+    radiance = read_exr(tmp_path / "3.exr")["RGBA"][..., :3]
+    with np.load(tmp_path / "3.npz") as arrays:
+        np.testing.assert_allclose(arrays["color"], radiance, rtol=1e-5, atol=1e-6)
+
+
+def test_a_white_that_the_model_does_not_go_by_is_refused(model, tmp_path):
+    with pytest.raises(DataError, match="--white: is of linear radiance, and the colours of the model are sRGB values"):
+        render_model(model, tmp_path / "view.png", options=PictureOptions(white=3.0))
+
+
 def test_the_background_of_a_png_is_chosen_and_white_for_data_with_alpha(model, tmp_path):
     data = tiny_data.write_tiny_data(tmp_path / "data", n=2, alpha=True)
     for background, corner in (("auto", 255), ("white", 255), ("black", 0)):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mi_dogsplat.report.plot import WIDTH, Lane, Series, line_plot
 from mi_dogsplat.report.smoothing import MAX_POINTS, thinned
-from mi_dogsplat.report.ticks import log_ticks, nice_ticks, number
+from mi_dogsplat.report.ticks import log_ticks, nice_ticks, number, numbers
 
 
 def test_a_plot_is_well_formed_and_stays_inside_its_view_box():
@@ -61,6 +61,13 @@ def test_log_ticks_lie_inside_and_neither_few_nor_many(low, high):
 def test_numbers_on_the_axes_are_short():
     values = (0, 0.02, 1500, 20000, 2.5e6, -3)
     assert [number(v) for v in values] == ["0", "0.02", "1.5k", "20k", "2.5M", "\u22123"]
+
+
+@pytest.mark.parametrize(("low", "high"), [(27.691, 27.699), (27.6951, 27.6958), (5_038_210, 5_038_290), (0, 7000)])
+def test_numbers_on_an_axis_say_where_its_ticks_are_however_near_to_each_other(low, high):
+    ticks = nice_ticks(low, high, 5)
+    values = [float(words.replace("k", "e3").replace("M", "e6")) for words in numbers(ticks)]
+    np.testing.assert_allclose(values, ticks, atol=0.011 * (ticks[1] - ticks[0]))
 
 
 def test_thinning_keeps_spikes_and_order():

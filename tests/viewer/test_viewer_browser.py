@@ -14,8 +14,10 @@ import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.render.framing import robust_sphere
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.arrays import write_arrays
 from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS, Pace, Pose
 
@@ -173,6 +175,19 @@ def test_a_near_clip_that_is_asked_for_holds_without_data(model):
         server.stop()
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-4, 1e5])
+def test_visitors_turn_about_the_model_and_come_as_near_to_it_whatever_its_unit(tmp_path, unit):
+    splats = transformed(tiny_data.truth(), np.diag([unit, unit, unit, 1.0]))
+    write_ply(tmp_path / "model.ply", splats)
+    centre, radius = robust_sphere(splats)
+    server = Server(Source(tmp_path / "model.ply"), port=8767)
+    camera = SimpleNamespace(on_update=lambda _: None)
+    server._arrived(SimpleNamespace(client_id=0, camera=camera))
+    np.testing.assert_allclose(server.viser.initial_camera.look_at, centre, atol=1e-3 * radius)
+    assert camera.min_orbit_distance <= 0.011 * radius and camera.max_orbit_distance >= 9e3 * radius
+    server.stop()
+
+
 class FlatCamera:
     """That of a window without height, as viser has it."""
 
@@ -231,6 +246,10 @@ def test_arrays_that_are_no_checkpoint_are_refused_in_one_line(capsys, tmp_path)
 def test_view_names_what_is_missing_in_one_line(capsys, tmp_path):
     assert_one_line(run(capsys, "view", tmp_path / "no.ply"), "no.ply", "no such file")
     assert_one_line(run(capsys, "view", tmp_path), "checkpoint")
+
+
+def test_a_white_that_the_model_does_not_go_by_is_refused_in_one_line(capsys, model):
+    assert_one_line(run(capsys, "view", model, "--white", "3"), "--white: is of linear radiance", "add --linear")
 
 
 def test_an_address_that_is_not_ours_is_refused_in_one_line(capsys, model):
