@@ -168,7 +168,8 @@ def _reconstruct(
     placed = place(pycolmap, models[0], config.scale, downs)
     summary = _summary_of(models, photographs, evidence, config, placed, n_masks, stages.seconds)
     write_json(out / SUMMARY, dataclasses.asdict(summary))
-    write_world(out, placed.world)
+    for folder in {out, top}:  # two data sets with --undistort
+        write_world(folder, placed.world)
     write_model(models[0], _model_folder(top))
 
 
