@@ -124,7 +124,7 @@ def _settings(source: Path, files: Mapping[str, Path], masks: Path | None, confi
 
 
 def _digest(files: Mapping[str, Path]) -> str:
-    listed = json.dumps([[file.name, file.stat().st_size] for file in files.values()]).encode()
+    listed = json.dumps([[file.name, file.stat().st_size] for file in dict.fromkeys(files.values())]).encode()
     return hashlib.sha256(listed).hexdigest()
 
 
