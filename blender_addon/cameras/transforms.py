@@ -15,6 +15,9 @@ from .json_object import KINDS, read_json_object
 
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
 DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")  # a fisheye bends rays even where all of them are 0
+MITSUBA = "normal_mts_args"  # by it instant-ngp knows Mitsuba's axes: x left, y up, z forward
+OPENGL_FROM_MITSUBA = np.diag([-1.0, 1.0, -1.0, 1.0])
+FOCALS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}
 NAME = "view_name"  # the package's: of a frame that is named otherwise than by its file, as where this lies elsewhere
 
 
@@ -30,7 +33,9 @@ def read_transforms(path: Path, size_of: Callable[[Path], tuple[int, int]]) -> l
             problem = 'frame {number} lacks "file_path" or "transform_matrix"'
             raise FileError(path, problem, "add both to each frame", number=i)
         try:
-            cameras.append(_transforms_camera(path, {**content, **frame}, size_of))
+            angles = not ANGLES.isdisjoint(frame) and FOCALS.isdisjoint(frame)  # which focal lengths at the top are not
+            shared = {key: value for key, value in content.items() if not angles or key not in FOCALS | ANGLES}
+            cameras.append(_transforms_camera(path, {**shared, **frame}, size_of))
         except (TypeError, ValueError, ZeroDivisionError) as error:
             if isinstance(error, FileError):
                 raise
@@ -57,5 +62,7 @@ def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Pat
         raise FileError(path, '"{name}" has no focal length or no size', remedy, name=name)
     cx, cy = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
     w2c = OPENCV_FROM_OPENGL @ np.linalg.inv(rigid(path, name, frame["transform_matrix"]))
+    if MITSUBA in frame:  # half a turn about y
+        w2c = OPENGL_FROM_MITSUBA @ w2c
     called = camera_name(str(frame.get(NAME, name)))
     return Camera(called, w2c, fx, fy, cx, cy, width, height, image if image.is_file() else None)

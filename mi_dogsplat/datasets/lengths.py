@@ -16,7 +16,7 @@ import numpy as np
 from ..support.errors import DataError
 from .dataset import Dataset, View, view_name
 
-MARK = r"(.+?):(-?\d+(?:\.\d+)?),(-?\d+(?:\.\d+)?)"
+MARK = r"(.+?):(-?\d+(?:\.\d+)?),(-?\d+(?:\.\d+)?)(?:\+(?=.)|$)"  # up to the next one: names may have a + too
 NEAR = 1.5  # degrees from a mark: there lie the points that tell its depth
 NEAREST = 5  # of these points
 SPREAD = 0.1  # of their depth, at most, or they lie on several things
@@ -72,13 +72,13 @@ def _place(told: str, standpoints: Mapping[str, Standpoint]) -> np.ndarray:
     """The place [3] that a word tells."""
     if told in standpoints:
         return standpoints[told].position
-    marks = [re.fullmatch(MARK, word) for word in re.split(r"(?<=\d)\+", told)]
-    if not all(marks):
+    marks = list(re.finditer(MARK, told))
+    if not marks or marks[-1].end() < len(told):
         if at := _named(told, standpoints):
             return at.position
         raise _no_image(told, standpoints)
     rays: list[tuple[Standpoint, np.ndarray]] = []
-    for mark in filter(None, marks):
+    for mark in marks:
         if not (at := _named(mark[1], standpoints)):
             raise _no_image(mark[1], standpoints)
         rays.append((at, at.ray(np.array([float(mark[2]), float(mark[3])]))))

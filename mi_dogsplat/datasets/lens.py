@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import map_coordinates, spline_filter
+from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter, spline_filter
 
 from ..scene.cameras import Camera
 
@@ -108,16 +108,24 @@ class Undistortion:
         rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy], -1)
         return self.lens.distort(rays) * (source.fx, source.fy) + (source.cx, source.cy)
 
-    def image(self, pixels: np.ndarray) -> np.ndarray:
-        """A photograph [H, W, C] resampled by cubic splines: float32 [H', W', C], between the limits of the input."""
+    def image(self, pixels: np.ndarray, unlimited: bool = False) -> np.ndarray:
+        """A photograph [H, W, C] resampled by cubic splines: float32 [H', W', C], between the limits of the input.
+
+        ``unlimited``: of radiance, whose lamps may be so bright that splines ring around them, brighter than what is
+        there. Each value is between those of the four pixels around it then.
+        """
         planes = np.moveaxis(pixels, -1, 0)
+        limits = [_limits(plane) if unlimited else (plane.min(), plane.max()) for plane in planes]
         splines = [spline_filter(plane, mode="mirror").astype(np.float32) for plane in planes]
         result = np.empty((self.camera.height, self.camera.width, len(splines)), np.float32)
         for top in range(0, self.camera.height, BAND):
             x, y = np.moveaxis(self.source_pixels(slice(top, top + BAND)), -1, 0) - 0.5
-            for c, spline in enumerate(splines):
+            for c, (spline, (low, high)) in enumerate(zip(splines, limits, strict=True)):
                 sampled = map_coordinates(spline, (y, x), np.float32, mode="mirror", prefilter=False)
-                result[top : top + BAND, :, c] = np.clip(sampled, pixels[..., c].min(), pixels[..., c].max())
+                if unlimited:
+                    corner = np.floor((y, x))
+                    low, high = (map_coordinates(e, corner, np.float32, 0, mode="nearest") for e in (low, high))
+                result[top : top + BAND, :, c] = np.clip(sampled, low, high)
         return result
 
     def points(self, pixels: np.ndarray) -> np.ndarray:
@@ -125,6 +133,11 @@ class Undistortion:
         source, camera = self.source, self.camera
         rays = self.lens.undistort((pixels - (source.cx, source.cy)) / (source.fx, source.fy))
         return rays * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+
+
+def _limits(plane: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest values [H, W] of each pixel, the one to its right, and those below the two."""
+    return minimum_filter(plane, 2, origin=-1), maximum_filter(plane, 2, origin=-1)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of a principal point out of all reason, for which nothing is left

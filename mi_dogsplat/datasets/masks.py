@@ -57,11 +57,14 @@ class Masks:
 def mask_files(folder: Path) -> dict[str, Path]:
     """The masks of a folder, by the names of the views that they are of."""
     paths: dict[str, Path] = {}
-    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES):
+    found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
+    for path in found:
         image = path.relative_to(folder)
         if Path(image.stem).suffix.lower() in SUFFIXES:
             image = image.with_suffix("")
         paths.setdefault(view_name(str(image)), path)
+    for path in found:  # an image may itself be called 1.jpg.png
+        paths.setdefault(view_name(str(path.relative_to(folder))), path)
     return paths
 
 

@@ -1,9 +1,9 @@
 """``transforms.json`` (instant-ngp, nerfstudio) and ``transforms_train.json`` + ``_test`` (NeRF synthetic).
 
-Poses are camera-to-world in the OpenGL convention (x right, y up, z backward). Intrinsics may stand at the
-top or in each frame. Points come from ``ply_file_path``, or from a COLMAP model beside the file if its
-cameras stand at the same places (instant-ngp's converter moves and scales the scene, and then they do not);
-else there are none.
+Poses are camera-to-world in the OpenGL convention (x right, y up, z backward), or in Mitsuba's (x left, y up, z
+forward) where a key of instant-ngp's tells them. Intrinsics may stand at the top or in each frame. Points come from
+``ply_file_path``, or from a COLMAP model beside the file if its cameras stand at the same places (instant-ngp's
+converter moves and scales the scene, and then they do not); else there are none.
 """
 
 from __future__ import annotations
@@ -36,6 +36,11 @@ CONVENTION = (
     "transform_matrix is camera-to-world with x right, y up, z backward (OpenGL), "
     "neither OpenCV's axes nor world-to-camera"
 )
+
+MITSUBA = "normal_mts_args"  # by it instant-ngp knows the axes of Mitsuba's cameras
+OPENGL_FROM_MITSUBA = np.diag([-1.0, 1.0, -1.0, 1.0])
+FOCALS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}
+REPELLING = "dynamic_mask_"  # before the name of an image: instant-ngp's masks, white where nothing counts
 
 INTRINSICS = {"w": "width", "h": "height", "fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy"}
 
@@ -115,11 +120,17 @@ def not_read(path: Path) -> list[str]:
     given = path if path.suffix == ".json" and path.is_file() else None
     file = find_transforms(path) if path.is_dir() and not find_model(path) else given
     frames = _parse(file)["frames"] if file else []
-    masks = [str(frame[MASK]) for frame in frames if isinstance(frame, dict) and frame.get(MASK)]
-    if not file or not masks:
+    if not file:
         return []
-    folder = (file.parent / masks[0].replace("\\", "/")).parent
-    return [f'the "{MASK}" of {len(masks)} of its frames, which --masks {folder} would follow']
+    lines, frames = [], [frame for frame in frames if isinstance(frame, dict)]
+    if masks := [str(frame[MASK]) for frame in frames if frame.get(MASK)]:
+        folder = (file.parent / masks[0].replace("\\", "/")).parent
+        lines.append(f'the "{MASK}" of {len(masks)} of its frames, which --masks {folder} would follow')
+    images = (_image_path(file.parent, str(frame.get("file_path", ""))) for frame in frames)
+    if n := sum(is_file(image.with_name(f"{REPELLING}{image.stem}.png")) for image in images if image.name):
+        like = "a folder with their negatives, named as the images"
+        lines.append(f"the {REPELLING}*.png of {n} of its images, white where nothing counts: --masks takes {like}")
+    return lines
 
 
 def _parse(file: Path) -> dict[str, Any]:
@@ -145,7 +156,7 @@ def _sources(file: Path, content: dict[str, Any]) -> list[ViewSource]:
     for frame, image_path in zip(frames, paths, strict=True):
         name = str(frame["file_path"])
         try:
-            merged = {**shared, **frame}
+            merged = _merged(shared, frame)
             camera, lens = _camera(file, merged, image_path), _lens(file, merged)
         except (ValueError, TypeError, ArithmeticError) as error:
             if isinstance(error, DataError):
@@ -153,6 +164,14 @@ def _sources(file: Path, content: dict[str, Any]) -> list[ViewSource]:
             raise DataError(file, f'frame "{name}": {error}', f"correct it ({CONVENTION})") from error
         sources.append(ViewSource(view_name(str(frame.get(NAME, name))), image_path, camera, lens))
     return sources
+
+
+def _merged(shared: dict[str, Any], frame: dict[str, Any]) -> dict[str, Any]:
+    """What a frame says, and where it says nothing what stands at the top. Angles of a frame come before focal lengths
+    at the top, too."""
+    if not ANGLES.isdisjoint(frame) and FOCALS.isdisjoint(frame):
+        shared = {key: value for key, value in shared.items() if key not in FOCALS | ANGLES}
+    return {**shared, **frame}
 
 
 def _image_path(folder: Path, name: str) -> Path:
@@ -192,7 +211,10 @@ def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
     fx, fy = fx or fy, fy or fx  # one focal length means square pixels
     assert fx is not None and fy is not None
     cx, cy = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
-    return Camera(opengl_c2w_to_opencv_w2c(frame["transform_matrix"]), fx, fy, cx, cy, width, height)
+    w2c = opengl_c2w_to_opencv_w2c(frame["transform_matrix"])
+    if MITSUBA in frame:  # half a turn about y
+        w2c = OPENGL_FROM_MITSUBA @ w2c
+    return Camera(w2c, fx, fy, cx, cy, width, height)
 
 
 def _lens(file: Path, frame: dict[str, Any]) -> Lens:

@@ -129,7 +129,7 @@ def _load_view(source: ViewSource, downscale: int, prescaled: bool) -> View:
     pixels = read_image(source.image_path)  # [H, W, C]
     camera, straight = _camera_of(source, downscale, prescaled, (pixels.shape[1], pixels.shape[0]))
     if straight:
-        pixels = straight.image(pixels)
+        pixels = straight.image(pixels, unlimited=is_exr(source.image_path))
     pixels = pixels if prescaled or downscale == 1 else box_downscale(pixels, downscale)
     return View(source.name, camera, pixels, straight)
 

@@ -14,8 +14,11 @@ from ..support.errors import DataError
 from .config import SETTINGS
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")
-PHONES = (".heic", ".heif", ".avif")  # Pillow reads none of the first two, and of no capture are there the third
-RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".srw", ".pef")
+PHONES = (".heic", ".heif", ".hif", ".avif", ".jxl")  # and cameras; Pillow reads none of them everywhere
+RAW = (
+    ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".rwl", ".srw", ".pef",
+    ".3fr", ".fff", ".iiq", ".x3f", ".gpr", ".mrw", ".erf", ".dcr", ".kdc",
+)  # fmt: skip
 FEWEST = 2
 OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
 

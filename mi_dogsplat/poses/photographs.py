@@ -96,7 +96,7 @@ def _solid(name: str) -> str:
 
 
 def _upright(image: Image.Image, source: Path, turn: Image.Transpose | None) -> Image.Image:
-    if image.mode.startswith("I"):  # 16-bit grey
+    if image.mode[0] in "IF":  # 16-bit grey; floating-point pixels are refused there, which Pillow would make black
         image = Image.fromarray(np.rint(read_image(source) * 255).astype(np.uint8))
     upright = image if turn is None else image.transpose(turn)
     return upright.convert("RGBA" if "A" in upright.getbands() or "transparency" in upright.info else "RGB")

@@ -124,7 +124,7 @@ def _settings(source: Path, files: Mapping[str, Path], masks: Path | None, confi
 
 
 def _digest(files: Mapping[str, Path]) -> str:
-    listed = json.dumps([[file.name, file.stat().st_size] for file in files.values()]).encode()
+    listed = json.dumps([[file.name, file.stat().st_size] for file in dict.fromkeys(files.values())]).encode()
     return hashlib.sha256(listed).hexdigest()
 
 
@@ -168,7 +168,8 @@ def _reconstruct(
     placed = place(pycolmap, models[0], config.scale, downs)
     summary = _summary_of(models, photographs, evidence, config, placed, n_masks, stages.seconds)
     write_json(out / SUMMARY, dataclasses.asdict(summary))
-    write_world(out, placed.world)
+    for folder in {out, top}:  # two data sets with --undistort
+        write_world(folder, placed.world)
     write_model(models[0], _model_folder(top))
 
 

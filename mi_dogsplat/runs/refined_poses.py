@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..datasets.refined import write_refined
+from ..datasets.world import World, write_world
 from ..report.run_folder import REFINED
 from ..scene.cameras import Camera
 from ..training.train import Trainer
@@ -19,9 +20,10 @@ def moved_views(trainer: Trainer) -> dict[str, dict[str, float]]:
 
 
 def write_poses(trainer: Trainer, out: Path) -> None:
-    """Write ``refined/``. Raises ``DataError``."""
-    w2cs = {view.name: view.camera.w2c for view in trainer.photographs.originals}
-    write_refined(out / REFINED, trainer.dataset, Path(trainer.config.data), w2cs)
+    """Write ``refined/``, with what is up in it and how long its unit is. Raises ``DataError``."""
+    config, w2cs = trainer.config, {view.name: view.camera.w2c for view in trainer.photographs.originals}
+    write_refined(out / REFINED, trainer.dataset, Path(config.data), w2cs)
+    write_world(out / REFINED, World(config.up, config.unit))  # no motion of all views is learned
 
 
 def motion(given: Camera, camera: Camera, extent: float) -> dict[str, float]:

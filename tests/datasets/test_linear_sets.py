@@ -50,6 +50,20 @@ def lamp(tmp_path_factory) -> Path:
     return folder
 
 
+def test_a_lamp_does_not_ring_over_what_is_around_it_when_a_lens_is_taken_out(tmp_path):
+    image = np.full((48, 64, 3), 0.125, np.float32)  # a half float has it exactly
+    image[23:26, 31:34] = 5000
+    frames = [{"file_path": f"{i}.exr", "transform_matrix": np.eye(4).tolist()} for i in range(2)]
+    for frame in frames:
+        write_radiance(tmp_path / frame["file_path"], image)
+    (tmp_path / "transforms.json").write_text(json.dumps({"fl_x": 60, "k1": -0.05, "frames": frames}))
+    view = load_dataset(tmp_path).train[0]
+    assert view.straight and view.image.max() == 5000
+    rows, columns = np.indices(view.image.shape[:2])
+    away = np.maximum(abs(columns + 0.5 - view.camera.cx), abs(rows + 0.5 - view.camera.cy)) > 4
+    assert (view.image[away] == 0.125).all()
+
+
 def test_images_are_linear_premultiplied_and_exposed(data):
     dataset = load_dataset(data)
     view = dataset.train[0]

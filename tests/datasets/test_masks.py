@@ -5,7 +5,7 @@ import pytest
 import tiny_data
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import View
-from mi_dogsplat.datasets.masks import Masks
+from mi_dogsplat.datasets.masks import Masks, mask_files
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.pictures import write_png
 from mi_dogsplat.training.images.photographs import Photographs
@@ -27,6 +27,13 @@ def test_masked_pixels_have_no_gradient_whatever_they_show(data, tmp_path, optio
     (l1, loss, gradient), again = results
     assert (l1, loss) == pytest.approx(again[:2]) and np.abs(gradient - again[2]).max() < 1e-9
     assert not gradient[used == 0].any() and np.abs(gradient[used == 1]).min(axis=1).max() > 0
+
+
+def test_masks_are_named_as_images_whose_own_names_have_two_extensions(tmp_path):
+    for name in ("a.jpg.png", "b.png", "c.JPG.png"):
+        write_png(tmp_path / name, np.ones((2, 2), np.float32))
+    named = {view: path.name for view, path in mask_files(tmp_path).items()}
+    assert named == {"a": "a.jpg.png", "a.jpg": "a.jpg.png", "b": "b.png", "c": "c.JPG.png", "c.JPG": "c.JPG.png"}
 
 
 def test_inside_of_the_mask_and_away_from_its_edge_the_gradient_is_that_without(data, tmp_path):

@@ -37,6 +37,24 @@ def test_intrinsics_of_a_frame_override_those_at_the_top(tmp_path):
     assert focal == {"r_0": (30, 31, 9), "r_1": (40, 31, 9), "r_2": (30, 31, 9)}
 
 
+def test_an_angle_of_a_frame_overrides_focal_lengths_at_the_top(tmp_path):
+    """As instant-ngp has it."""
+    content = json.loads((transforms_folder(tmp_path) / "transforms.json").read_text())
+    content["frames"][1]["camera_angle_x"] = 0.35
+    transforms_folder(tmp_path, fl_x=30, fl_y=31, frames=content["frames"])
+    focal = {view.name: (view.camera.fx, view.camera.fy) for view in load_dataset(tmp_path).views}
+    wide = pytest.approx(0.5 * WIDTH / np.tan(0.175))
+    assert focal == {"r_0": (30, 31), "r_1": (wide, wide), "r_2": (30, 31)}
+
+
+def test_cameras_of_mitsuba_look_ahead_along_z(tmp_path):
+    """instant-ngp knows them by this key; x points left in them, and y up."""
+    camera = load_dataset(transforms_folder(tmp_path, normal_mts_args=[])).views[0].camera
+    (pixel,), (depth,) = camera.project([camera.position + (0.5, 0.5, 2)])
+    assert depth == pytest.approx(2)
+    assert pixel == pytest.approx((WIDTH / 2 - camera.fx / 4, HEIGHT / 2 - camera.fy / 4))
+
+
 def test_the_split_is_taken_from_the_train_and_test_files_or_from_test_filenames(tmp_path):
     transforms_folder(tmp_path / "a", "transforms_train.json", 3, "train")
     transforms_folder(tmp_path / "a", "transforms_test.json", 2, "test")
@@ -98,6 +116,9 @@ def test_masks_that_frames_name_are_said_not_to_be_read(tmp_path):
     (tmp_path / "transforms.json").write_text(json.dumps(content))
     said = f'the "mask_path" of 2 of its frames, which --masks {tmp_path / "masks"} would follow'
     assert not_read(tmp_path) == not_read(tmp_path / "transforms.json") == [said]
+    write_images(tmp_path / "images", ["dynamic_mask_r_1.png"])
+    (also,) = not_read(tmp_path)[1:]
+    assert also.startswith("the dynamic_mask_*.png of 1 of its images, white where nothing counts")
     colmap_folder(tmp_path)  # is what is read then
     assert not_read(tmp_path) == []
 

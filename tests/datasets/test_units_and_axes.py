@@ -113,6 +113,21 @@ def test_images_are_named_as_they_were_before_poses_took_the_spaces_out_of_their
         length_in_units(("IMG 1.jpg", "IMG 2.jpg"), at)
 
 
+def test_a_plus_may_stand_in_the_name_of_an_image_that_is_marked():
+    """Two cameras, at x = 0 and 2, see the points (0, 0, 5) and (1, 0, 5)."""
+
+    def at(x: float) -> Standpoint:
+        def ray(pixel: np.ndarray) -> np.ndarray:
+            direction = np.append(pixel / 100, 1)
+            return direction / np.linalg.norm(direction)
+
+        return Standpoint(np.array([x, 0.0, 0.0]), ray)
+
+    for left, right in (("IMG1+2.jpg", "b"), ("10.00.00+01", "10.00.10+01"), ("3:4,5", "a+1,2")):
+        ends = (f"{left}:0,0+{right}:-40,0", f"{right}:-20,0+{left}:20,0")
+        assert length_in_units(ends, {left: at(0), right: at(2)}) == pytest.approx(1)
+
+
 def test_cameras_held_anyhow_say_nothing():
     rng = np.random.default_rng(0)
 

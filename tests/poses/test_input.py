@@ -62,6 +62,13 @@ def test_raw_files_beside_their_jpeg_do_not_count_others_are_refused(tmp_path):
         find_photographs(tmp_path, tmp_path / "out")
 
 
+@pytest.mark.parametrize(("name", "kind"), [("3.HIF", "HIF"), ("3.jxl", "JXL"), ("3.gpr", "raw"), ("3.NRW", "raw")])
+def test_what_other_cameras_write_is_not_left_out_without_a_word(tmp_path, name, kind):
+    touch(tmp_path, "1.jpg", "2.jpg", name)
+    with pytest.raises(DataError, match=rf"{name}: {kind} images cannot be read here \(1 of 3"):
+        find_photographs(tmp_path, tmp_path / "out")
+
+
 def test_a_folder_with_a_video_alone_says_which(tmp_path):
     touch(tmp_path, "walk.MOV")
     with pytest.raises(DataError, match="name the video itself: .*walk.MOV"):

@@ -67,6 +67,13 @@ def test_what_every_tool_reads_is_copied_to_the_byte_and_the_rest_becomes_png(tm
     assert np.abs(grey[..., 0].astype(int) - pixels()[..., 0]).max() <= 1
 
 
+def test_floating_point_pixels_are_refused_and_not_made_black(tmp_path):
+    (tmp_path / "in").mkdir()
+    Image.fromarray(pixels()[..., 0].astype(np.float32) / 255).save(tmp_path / "in" / "a.tif")
+    with pytest.raises(DataError, match="a.tif: .*floating-point pixels have no display range"):
+        prepared(tmp_path / "in", tmp_path / "out")
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a file system whose names are bytes, as Linux has it")
 def test_bytes_of_a_name_that_are_no_utf_8_become_underscores(tmp_path):
     (tmp_path / "in").mkdir()

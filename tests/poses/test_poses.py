@@ -279,7 +279,7 @@ def test_undistorted_from_the_command_line(room, tmp_path, capsys):
     assert np.linalg.norm(cameras["view_2"].position - cameras["view_4"].position) == pytest.approx(1.5)
     assert status == 0 and "3 of 3 images have a pose" in out and out.endswith(f"{tmp_path / 'out'}\n"), err
     assert "up is -y, as the cameras were held; no image says where down is; the unit is a metre" in out
-    assert read_world(tmp_path / "out") == World("-y", 1.0)
+    assert read_world(tmp_path / "out") == read_world(tmp_path / "out" / "distorted") == World("-y", 1.0)
     assert "undistortion" in out and (tmp_path / "out" / "distorted" / "sparse" / "0").is_dir()
     assert pycolmap.Reconstruction(str(tmp_path / "out" / "sparse" / "0")).cameras[1].model_name == "PINHOLE"
 

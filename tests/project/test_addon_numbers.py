@@ -11,7 +11,7 @@ import numpy as np
 import ply_files
 import pytest
 from addon_models import MAPS, SHEAR, as_model
-from dataset_folders import transforms_folder
+from dataset_folders import HEIGHT, WIDTH, transforms_folder
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import view_name
 from mi_dogsplat.datasets.refined import write_refined
@@ -135,6 +135,18 @@ def test_a_run_has_the_cameras_that_it_has_refined(addon, tmp_path):
     expected = {view.name: view.camera.w2c for view in load_dataset(tmp_path / "run" / "refined").views}
     assert found.keys() == expected.keys() and all(np.allclose(found[name], w2c) for name, w2c in expected.items())
     assert len(moved) == 2 and all(np.allclose(found[name], w2c) for name, w2c in moved.items())
+
+
+def test_cameras_of_transforms_are_those_of_the_package(addon, tmp_path):
+    content = json.loads((transforms_folder(tmp_path, fl_x=30, fl_y=31) / "transforms.json").read_text())
+    content["frames"][1]["camera_angle_x"] = 0.7
+    transforms_folder(tmp_path, frames=content["frames"], fl_x=30, fl_y=31, normal_mts_args=[])
+    cameras, *_ = addon("cameras.read").read_cameras(tmp_path, lambda path: (WIDTH, HEIGHT))
+    found = {camera.name: camera for camera in cameras}
+    for view in load_dataset(tmp_path).views:
+        camera = found[view.name]
+        assert (camera.fx, camera.fy) == (view.camera.fx, view.camera.fy)
+        np.testing.assert_allclose(camera.w2c, view.camera.w2c, atol=1e-12)
 
 
 @pytest.mark.parametrize(

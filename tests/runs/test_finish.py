@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tiny_data
+from mi_dogsplat.datasets.world import World, read_world
 from mi_dogsplat.report.run_folder import METRICS, MISFITS, MODEL, REFINED, REPORT, read_run
 from mi_dogsplat.report.write import report_page
 from mi_dogsplat.runs import finish as finish_module
@@ -55,6 +56,12 @@ def test_a_run_of_which_nothing_can_be_seen_writes_no_empty_model(data, tmp_path
     with pytest.raises(DataError, match="the model in training: every primitive has faded.*; check that its images"):
         train(config_of(data, steps=2), tmp_path / "run")
     assert not any((tmp_path / "run" / name).exists() for name in (MODEL, METRICS))
+
+
+def test_refined_poses_have_the_up_and_the_unit_of_the_run(data, tmp_path):
+    """So that a training from them is upright and in metres, too."""
+    train(config_of(data, steps=2, up="0.1,-0.9,0.4", unit=0.25), tmp_path)
+    assert read_world(tmp_path / REFINED) == World(read_run(tmp_path).config["up"], 0.25) != World()
 
 
 def test_poses_that_cannot_be_written_are_when_there_is_room(data, tmp_path, monkeypatch):
