@@ -95,7 +95,7 @@ def estimated(scene: Any, params: dict, max_depth: int, samples: int) -> ShadowR
         samples: per primitive, of emitters, and of what surfaces reflect to each side.
     """
     with dr.suspend_grad():
-        params = {name: dr.detach(value) for name, value in params.items()}
+        params = dr.detach(params)
         n = dr.width(params["logit_opacities"])
         center = mi.Point3f(rows(params["means"], 3, dr.arange(mi.UInt32, n)))
         axis = mi.Vector3f(shortest_axes(params))

@@ -64,8 +64,8 @@ def render_picture(
     primitives hold linear radiance, which is blended as such, over ``background`` times ``white``, and shown as
     ``displayed`` has it.
     """
-    detached = {name: dr.detach(value) for name, value in params.items()}
-    frame = rasterize(detached, DeviceCamera.upload(camera, near_clip, film=film, perspective=perspective), options)
+    on_device = DeviceCamera.upload(camera, near_clip, film=film, perspective=perspective)
+    frame = rasterize(dr.detach(params), on_device, options)
     shape = (camera.height, camera.width)
     T = frame.T.numpy().reshape(shape)
     behind = background * white if linear else background

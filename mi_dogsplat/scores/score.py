@@ -139,13 +139,13 @@ def energies(
     n, sums = dr.width(params["logit_opacities"]), rule.sums
     if n == 0:
         return np.zeros(0), np.zeros(0)
-    detached = {name: dr.detach(value) for name, value in params.items()}
+    params = dr.detach(params)
     rng = np.random.default_rng(seed)
     Double = array_types().Double
     spatial, spectral = dr.zeros(Double, n), dr.zeros(Double, n)
     for k, camera in enumerate(cameras):
         mask = counted(masks, k)
-        columns = [Double(column) for column in _view_sums(rule, detached, camera, options, background, rng, mask)]
+        columns = [Double(column) for column in _view_sums(rule, params, camera, options, background, rng, mask)]
         if sums.energy:
             spatial += columns.pop(0)
         if sums.gradient:

@@ -40,7 +40,7 @@ def weights(
         planes: e of each view, [H, W]; None: 1 everywhere.
     """
     n = dr.width(params["logit_opacities"])
-    params = {name: dr.detach(value) for name, value in params.items()}
+    params = dr.detach(params)
     sums = np.zeros((4, n))
     largest, dominates = np.zeros(n), np.zeros(n, bool)
     for k, camera in enumerate(cameras if n else []):

@@ -55,7 +55,7 @@ class Sensitivity:
 
 def fisher(params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float) -> np.ndarray:
     """[N, 6, 6] H of each primitive, by (mean, log scales)."""
-    params = {name: dr.detach(value) for name, value in params.items()}
+    params = dr.detach(params)
     total = np.zeros((dr.width(params["logit_opacities"]), 6, 6))
     for camera in cameras:
         sums = _products(params, camera, options, background)  # [COLUMNS, N]
