@@ -20,10 +20,11 @@ from .arrays import array_types
 from .bands import WalkableView
 from .curvatures import COLUMNS as CURVATURE_COLUMNS
 from .cuts import COLUMNS as CUT_COLUMNS
+from .device_camera import DeviceCamera
 from .geometry import Blocks, Grid
 from .options import RasterOptions, Settings
 from .parameters import upload
-from .project import DeviceCamera, project
+from .project import project
 from .tables import pack
 from .view import arrange, settings_of
 from .walks.aovs import composite_aovs

@@ -9,7 +9,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from .project import DeviceCamera, rotation_matrix, rows
+from .device_camera import DeviceCamera
+from .project import rotation_matrix, rows
 from .sh import read_rows
 
 

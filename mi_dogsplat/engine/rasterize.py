@@ -14,11 +14,12 @@ import mitsuba as mi
 
 from .arrays import detached
 from .bands import PreparedView, WalkableView
+from .device_camera import DeviceCamera
 from .drjit_internals import held
 from .geometry import Blocks, Grid
 from .normals import normals
 from .options import RasterOptions, Settings
-from .project import DeviceCamera, Projection
+from .project import Projection
 from .projected import projected
 from .tiles import TileLists
 from .view import arrange

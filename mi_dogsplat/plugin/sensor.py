@@ -13,8 +13,8 @@ from typing import Any, cast
 import drjit as dr
 import mitsuba as mi
 
+from ..engine.device_camera import DeviceCamera
 from ..engine.drjit_internals import held, variable_indices
-from ..engine.project import DeviceCamera
 from ..scene.mitsuba_cameras import (
     central_camera_from_mitsuba,
     far_clip_from_mitsuba,

@@ -27,9 +27,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..engine.device_camera import DeviceCamera
 from ..engine.drjit_internals import held, variable_indices
 from ..engine.normals import normals, shortest_axes
-from ..engine.project import DeviceCamera, rows
+from ..engine.project import rows
 from .samples import STEPS
 
 SEED = 0  # of all random numbers: every pass, frame and derivative sees the same ratios

@@ -11,8 +11,9 @@ from mitsuba.python.ad.integrators.common import ADIntegrator
 
 from ..engine import aovs
 from ..engine.arrays import backward
+from ..engine.options import RasterOptions
 from ..engine.parameters import concatenate
-from ..engine.rasterize import Frame, LastFrame, RasterOptions, rasterize
+from ..engine.rasterize import Frame, LastFrame, rasterize
 from ..scene.drawing import Drawing, DrawnAs
 from ..scene.sh_basis import sh_degree_of
 from ..shape_dog import DogShape

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..engine.aovs import channel_names, channels, options_for
+from ..engine.device_camera import DeviceCamera
+from ..engine.options import RasterOptions
 from ..engine.parameters import upload
-from ..engine.project import DeviceCamera
-from ..engine.rasterize import RasterOptions, rasterize
+from ..engine.rasterize import rasterize
 from ..scene.appearance import photographed, radii_squared
 from ..scene.cameras import Camera
 from ..scene.splats import Splats

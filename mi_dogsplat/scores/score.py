@@ -28,9 +28,9 @@ import drjit as dr
 import numpy as np
 
 from ..engine.arrays import array_types, detached
+from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import device_array
-from ..engine.project import DeviceCamera
 from ..engine.view import prepare_both
 from ..engine.walks.composite import composite_over
 from ..engine.walks.score import Sums, composite_score

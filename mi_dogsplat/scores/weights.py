@@ -9,9 +9,9 @@ import drjit as dr
 import numpy as np
 
 from ..engine.arrays import detached
+from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import device_array
-from ..engine.project import DeviceCamera
 from ..engine.view import prepare
 from ..engine.walks.aovs import composite_aovs
 from ..engine.walks.weights import composite_weights

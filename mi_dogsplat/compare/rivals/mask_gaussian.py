@@ -24,9 +24,9 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.arrays import detached
+from ...engine.device_camera import DeviceCamera
 from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
-from ...engine.project import DeviceCamera
 from ...engine.view import prepare
 from ...engine.walks.score import Sums, composite_score
 from ...scores.score import ScoreRule

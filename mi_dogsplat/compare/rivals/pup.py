@@ -19,9 +19,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...engine.device_camera import DeviceCamera
 from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
-from ...engine.project import DeviceCamera, project
+from ...engine.project import project
 from ...engine.view import prepare_both
 from ...engine.walks.composite import composite_over
 from ...engine.walks.fisher import COLUMNS, PAIRS, SHAPE, composite_fisher, patch_blocks

@@ -40,9 +40,9 @@ import numpy as np
 
 from ...datasets.dataset import View
 from ...engine.arrays import detached
+from ...engine.device_camera import DeviceCamera
 from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
-from ...engine.project import DeviceCamera
 from ...engine.rasterize import Frame
 from ...render.picture import Picture
 from ...scores.score import Score
