@@ -16,7 +16,7 @@ import numpy as np
 
 from ..scene.row_groups import REVERSED, SH
 from ..scene.sh_basis import sh_basis, sh_basis_table
-from .sh import read_rows
+from .rows import read_rows
 from .sh_groups import ROW_COEFFICIENTS
 
 

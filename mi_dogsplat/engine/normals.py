@@ -10,8 +10,8 @@ import drjit as dr
 import mitsuba as mi
 
 from .device_camera import DeviceCamera
-from .project import rotation_matrix, rows
-from .sh import read_rows
+from .project import rotation_matrix
+from .rows import read_rows, rows
 
 
 def normals(params: dict, camera: DeviceCamera) -> list:

@@ -29,7 +29,8 @@ from .cuts import ROW as CUT_ROW
 from .cuts import cut_on_screen
 from .device_camera import DeviceCamera
 from .own_axes import own_axes_per_pixel
-from .sh import evaluate_sh, read_rows, unit
+from .rows import read_rows, rows
+from .sh import evaluate_sh, unit
 from .sh_groups import evaluate_groups, has_groups
 from .shifts import ROW as SHIFT_ROW
 from .shifts import VIEW_ROW, shift
@@ -81,15 +82,6 @@ class Projection:
     def planes(self) -> int:
         """How many may cut a primitive off."""
         return len(self.cuts or []) // CUT_COLUMNS
-
-
-def rows(array: mi.Float, count: int, index: mi.UInt32, active=True) -> list[mi.Float]:
-    """Row ``index`` of a row-major [*, count] array, as ``count`` arrays. Each row may be read by one lane only."""
-    own = array * 1  # the adjoint of Permute overwrites the gradient of its source: of this variable, not the caller's
-    return [
-        dr.gather(mi.Float, own, dr.fma(index, count, k), active, mode=dr.ReduceMode.Permute)
-        for k in range(count)
-    ]
 
 
 def rotation_matrix(q: list[mi.Float]) -> list[list[mi.Float]]:

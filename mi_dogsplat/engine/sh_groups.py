@@ -13,7 +13,8 @@ import numpy as np
 
 from ..scene.row_groups import SH
 from .device_camera import DeviceCamera
-from .sh import read_rows, unit_basis
+from .rows import read_rows
+from .sh import unit_basis
 
 ROW_COEFFICIENTS = {1: 4, 2: 8, 3: 16}
 """Coefficients in a row on the device, by degree of its group."""

@@ -30,7 +30,7 @@ import mitsuba as mi
 from ..engine.device_camera import DeviceCamera
 from ..engine.drjit_internals import held, variable_indices
 from ..engine.normals import normals, shortest_axes
-from ..engine.project import rows
+from ..engine.rows import rows
 from .samples import STEPS
 
 SEED = 0  # of all random numbers: every pass, frame and derivative sees the same ratios

@@ -22,8 +22,9 @@ import drjit as dr
 from ..engine.arrays import array_types
 from ..engine.cuts import END, LEVEL, WHOLE
 from ..engine.project import NO_ROW
+from ..engine.rows import read_row
 from .primitives import PER_DEVIATION
-from .tree import CUT_ROW, NONE, Tree, read_row
+from .tree import CUT_ROW, NONE, Tree
 from .varying import Row, Varying
 from .vectors import cross, dot
 

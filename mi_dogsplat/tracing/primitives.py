@@ -20,8 +20,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, rows, softplus
-from ..engine.sh import read_rows
+from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, softplus
+from ..engine.rows import read_rows, rows
 from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups
 from ..engine.shifts import ROW as SHIFT_SIZE
 from ..engine.shifts import VIEW_ROW, shift

@@ -141,20 +141,6 @@ def rows_of(columns: list, index: Any, n: int) -> Any:
     return rows
 
 
-def read_row(table: Any, row: Any, stride: int, count: int, active: Any) -> list:
-    """The first ``count`` floats of a row, eight and four at a time."""
-    types, values = array_types(), []
-    while len(values) < count:
-        size = 8 if count - len(values) > 4 and stride % 8 == 0 else 4 if stride % 4 == 0 else 1
-        index = dr.fma(row, stride // size, len(values) // size)
-        if size == 8:
-            values += list(dr.gather(types.Floats, table, index, active, shape=(8, dr.width(index))))
-        else:
-            read = dr.gather(types.Quad if size == 4 else types.Float, table, index, active)
-            values += list(read) if size == 4 else [read]
-    return values[:count]
-
-
 def leaf_order(centre: list, n: int) -> Any:
     """[2^D] which of the n points a leaf has, NONE in those that are left over; 2^D is at least 2."""
     types = array_types()

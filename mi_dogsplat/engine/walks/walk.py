@@ -19,6 +19,7 @@ from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
 from ..curvatures import curved_by
 from ..project import NO_ROW
+from ..rows import read_row
 from ..slopes import CHANNELS
 from ..tables import (
     DEPTH_FEATURE,
@@ -157,22 +158,10 @@ class Walk:
         """The next primitive, and where the lane then is. Lanes that meet none get an empty kernel."""
         isect, active, place = self.list.next(place)
         splat = dr.gather(self.types.UInt, self.lists.splat_from_isect, isect, active)
-        columns = self._floats(self.tables.splats, splat, self.row_size, self.columns, active)
-        row = SplatRow.of(columns[: self.columns], self.settings)
+        columns = read_row(self.tables.splats, splat, self.row_size, self.columns, active)
+        row = SplatRow.of(columns, self.settings)
         row.kernel = row.kernel._replace(lo=dr.select(active, row.kernel.lo, 2 * DEAD_PATCH))
         return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), place
-
-    def _floats(self, table, row, row_size: int, columns: int, active=True) -> list:
-        """The first ``columns`` floats of a row, eight and four at a time."""
-        values = []
-        while len(values) < columns:
-            size = 8 if columns - len(values) > 4 else 4
-            index = dr.fma(row, row_size // size, len(values) // size)
-            if size == 8:
-                values += list(dr.gather(self.types.Floats, table, index, active, shape=(8, dr.width(index))))
-            else:
-                values += list(dr.gather(self.types.Quad, table, index, active))
-        return values
 
     def slot(self, meeting: Meeting):
         """Where the isect's sums are, in a ``SlotRows``."""
@@ -244,7 +233,7 @@ class Walk:
         return list(values), row, is_dog
 
     def pseudo_row(self, row) -> KernelRow:
-        return KernelRow(*self._floats(self.tables.pseudo, row, PSEUDO_COLUMNS, PSEUDO_COLUMNS)[:KERNEL_COLUMNS])
+        return KernelRow(*read_row(self.tables.pseudo, row, PSEUDO_COLUMNS, KERNEL_COLUMNS))
 
     def advance(self, alpha, T, meeting: Meeting, k: int) -> tuple:
         """Walk past a primitive at pixel ``k`` of the block: (weight α T of the primitive, T behind it, or -T where the
