@@ -16,17 +16,17 @@ with the square of their length in pixels, not with the length.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 
-from ..scene.row_groups import OWN_AXES, PLANES, SHIFTS
-from .curvatures import ROW as CURVATURE_ROW
+from ..scene.row_groups import CURVATURES, OWN_AXES, PLANES, SHIFTS, SLOPES, RowGroup
 from .curvatures import curvatures_on_screen
 from .cuts import COLUMNS as CUT_COLUMNS
-from .cuts import ROW as CUT_ROW
-from .cuts import cut_on_screen
+from .cuts import by_plane, cut_on_screen
 from .device_camera import DeviceCamera
 from .own_axes import own_axes_per_pixel
 from .rows import read_rows, rows
@@ -34,7 +34,6 @@ from .sh import evaluate_sh, unit
 from .sh_groups import evaluate_groups, has_groups
 from .shifts import ROW as SHIFT_ROW
 from .shifts import VIEW_ROW, shift
-from .slopes import ROW as SLOPE_ROW
 from .slopes import slopes_on_screen
 
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
@@ -217,6 +216,22 @@ def _shifted(params: dict, offset: list, direction: list, R: list, scales: list)
     return [of_axis + more for of_axis, more in zip(offset, moved, strict=True)]
 
 
+def _varying(params: dict, axes: list, scales: list) -> tuple[list | None, list | None, list | None]:
+    """(slopes, curvatures, cuts) as ``Projection`` has them, None in a model without."""
+    if not any(group.index in params for group in OWN_AXES):
+        return None, None, None
+    per_pixel = own_axes_per_pixel(axes, scales, _in_range(axes, scales), LOW_PASS)
+
+    def on_screen(group: RowGroup, convert: Callable[[list, list[tuple]], list]) -> list:
+        ((name, shape),), row = group.arrays.items(), params[group.row]
+        return convert(rows(params[name], math.prod(shape), row, row != NO_ROW), per_pixel)
+
+    slopes = on_screen(SLOPES, slopes_on_screen) if SLOPES.index in params else None
+    curvatures = on_screen(CURVATURES, curvatures_on_screen) if CURVATURES.index in params else None
+    cuts = [column for plane in PLANES if plane.index in params for column in on_screen(plane, cut_on_screen)]
+    return slopes, curvatures, cuts or None
+
+
 def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
     """Project N primitives; differentiable with respect to every parameter.
 
@@ -268,22 +283,9 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
 
     radiance = _radiance(params, camera, direction, index, visible, sh_degree)
     visible &= all_finite(radiance)
-    colors, slopes, curvatures, cuts = [dr.maximum(value, 0) for value in radiance], None, None, None
-    planes = [group for group in PLANES if group.index in params]
-    if any(group.index in params for group in OWN_AXES):
-        per_pixel = own_axes_per_pixel(axes, scales, _in_range(axes, scales), LOW_PASS)
-        if "color_slopes" in params:
-            row = params["slope_row"]
-            slopes = slopes_on_screen(rows(params["color_slopes"], SLOPE_ROW, row, row != NO_ROW), per_pixel)
-            visible &= all_finite(slopes)
-        if "brightness_curvatures" in params:
-            row = params["curvature_row"]
-            of_splats = rows(params["brightness_curvatures"], CURVATURE_ROW, row, row != NO_ROW)
-            curvatures = curvatures_on_screen(of_splats, per_pixel)
-            visible &= all_finite(curvatures)
-        for group in planes:
-            row, (normals,) = params[group.row], group.names
-            cut = cut_on_screen(rows(params[normals], CUT_ROW, row, row != NO_ROW), per_pixel)
-            visible &= all_finite(cut)
-            cuts = [*(cuts or []), *cut]
+    colors = [dr.maximum(value, 0) for value in radiance]
+    slopes, curvatures, cuts = _varying(params, axes, scales)
+    for columns in (slopes, curvatures, *by_plane(cuts or [])):
+        if columns:
+            visible &= all_finite(columns)
     return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index, slopes, curvatures, cuts)
