@@ -239,14 +239,10 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     opacities of ±∞ are opacities of 0 and 1).
 
     Args:
-        params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape;
-            ``dog_row`` [N] and ``dog_index`` [M] are present when a primitive is DoG, ``slope_row`` [N] and
-            ``color_slopes`` [S, 3, 3] when the colour of one varies over it, ``curvature_row`` [N] and
-            ``brightness_curvatures`` [B, 6] when the brightness of one curves over it, ``cut_row`` [N] and
-            ``cut_normals`` [C, 3] when a plane cuts one off, ``second_cut_row`` and ``second_cut_normals`` when a
-            second one does, ``shift_row`` [N], ``view_shifts`` [V, 3, 3] and ``mean_views`` [V, 3] when the place of
-            one depends on the view, groups of SH degrees where primitives have degrees of their own (see
-            ``evaluate_groups``).
+        params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape.
+            Arrays of a group (``scene/row_groups.py`` has their names and shapes) are there when a primitive is in it,
+            with its index [M] and the inverse of that, as ``dog_row`` [N] (``parameters.upload``). Groups of SH degrees
+            are there where primitives have degrees of their own (``evaluate_groups``).
         camera: the view.
         sh_degree: highest degree evaluated (at most the degree stored).
         antialiased: scale opacities by the area that the low-pass filter adds (Mip-Splatting's 2D filter).
