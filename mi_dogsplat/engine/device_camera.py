@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -107,7 +108,7 @@ class DeviceCamera:
         """What the projection reads, the nudge apart: no numbers by which one camera could be told from another."""
         return replace(self, width=0, height=0, numbers=(), nudge=None)
 
-    def offset(self, points: list) -> list:
+    def offset(self, points: Iterable) -> list:
         """From the camera centre to points, before anything is multiplied: far from the origin W μ + t would cancel."""
         of_axes = zip(points, self.position, self.position_rest, strict=True)
         offset = [(point - position) - rest for point, position, rest in of_axes]

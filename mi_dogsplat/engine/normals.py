@@ -25,8 +25,7 @@ def normals(params: dict, camera: DeviceCamera) -> list:
     """
     index, axis = dr.arange(mi.UInt32, dr.width(params["logit_opacities"])), shortest_axes(params)
     if camera.perspective:
-        offset = zip(rows(dr.detach(params["means"]), 3, index), camera.position, camera.position_rest, strict=True)
-        direction = [(mean - position) - rest for mean, position, rest in offset]
+        direction = camera.anonymous().offset(rows(dr.detach(params["means"]), 3, index))
     else:
         direction = camera.rotation[2]
     x, y, z = (d * dr.detach(n) for d, n in zip(direction, axis, strict=True))

@@ -63,8 +63,7 @@ def meet(
         meeting = scene.ray_intersect_preliminary(mi.Ray3f(ray), coherent=True)
         hit = meeting.is_valid()
         axis, point = camera.rotation[2], ray.o + ray.d * meeting.t
-        offset = zip(point, camera.position, camera.position_rest, strict=True)
-        z = [a * ((p - c) - rest) for a, (p, c, rest) in zip(axis, offset, strict=True)]
+        z = [a * of_axis for a, of_axis in zip(axis, camera.offset(point), strict=True)]
         depth = dr.select(hit, z[0] + z[1] + z[2], dr.inf)
         facing = mi.Normal3f(0)
         if normal:
