@@ -43,7 +43,7 @@ class PlaneRows:
 @dataclass
 class Primitives:
     """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive; of slopes, of
-    curvatures, of the normals of a plane and of shifts a row per primitive that has them."""""
+    curvatures, of the normals of a plane and of shifts a row per primitive that has them."""
 
     to_kernel: list  # M, nine columns, row-major
     mean: list  # μ, three; m of a primitive that has a shift
@@ -107,18 +107,22 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     for columns, row in of_groups:
         if row is not None:
             usable &= _of_row(all_finite(columns), row)
-    some = slopes, slope_row, curvatures, curvature_row, normals, planes, shifts, shift_row
-    if "dog_index" not in params:
-        return Primitives(to_kernel, mean, lo, sh, usable, [], None, None, *some)
+    pseudo, dog_row, dog_index = [], None, None
+    if "dog_index" in params:
+        dog_row, dog_index = params["dog_row"], params["dog_index"]
+        pseudo, finite = _pseudo(params, lo)
+        usable &= _of_row(finite, dog_row)
+    return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index, slopes, slope_row, curvatures,
+                      curvature_row, normals, planes, shifts, shift_row)  # fmt: skip
 
-    dog_row, dog_index = params["dog_row"], params["dog_index"]
-    log_factors = rows(params["dog_log_scales"], 3, dr.arange(mi.UInt32, dr.width(dog_index)))
-    of_primary = dr.gather(mi.Float, lo, dog_index, mode=dr.ReduceMode.NoConflicts)
+
+def _pseudo(params: dict, lo: mi.Float) -> tuple[list, mi.Bool]:
+    """(F⁻¹ and lo_p of the M DoG primitives, whether all of them are numbers); ``lo`` of the N primaries."""
+    index = params["dog_index"]
+    log_factors = rows(params["dog_log_scales"], 3, dr.arange(mi.UInt32, dr.width(index)))
+    of_primary = dr.gather(mi.Float, lo, index, mode=dr.ReduceMode.NoConflicts)
     pseudo_lo = of_primary - LOG2_E * softplus(-params["dog_logit_opacities"])
-    finite = all_finite(log_factors) & ~dr.isnan(pseudo_lo)
-    usable &= _of_row(finite, dog_row)
-    pseudo = [*(_exp_minus(f) for f in log_factors), pseudo_lo]
-    return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index, *some)
+    return [*(_exp_minus(f) for f in log_factors), pseudo_lo], all_finite(log_factors) & ~dr.isnan(pseudo_lo)
 
 
 def _places(params: dict, mean: list, R: list, log_scales: list) -> tuple[list, list, Any]:
