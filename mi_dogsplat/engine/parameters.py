@@ -12,7 +12,7 @@ from ..scene.row_groups import BESIDE_COLORS, CURVATURES, DOG, GROUPS, PLANES, S
 from ..scene.sh_basis import sh_degree_of
 from ..scene.splats import DENSE, Splats
 from .project import NO_ROW
-from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows
+from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows, sh_columns
 
 RAW = DENSE
 RAW_DOG = DOG.names
@@ -95,7 +95,7 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
     if any(has_groups(p) for p in parts):
         parts = [p if has_groups(p) else _grouped(p, n, k) for p, n, k in of_parts]
     else:
-        parts = [p | {"sh_coeffs": _sh_columns(p["sh_coeffs"], n, k, 0, size)} for p, n, k in of_parts]
+        parts = [p | {"sh_coeffs": sh_columns(p["sh_coeffs"], n, k, 0, size)} for p, n, k in of_parts]
     joined: dict = {name: dr.concat([p[name] for p in parts]) for name in RAW}
     first_rows = np.cumsum([0, *counts[:-1]])
     for group in GROUPS:
@@ -112,19 +112,9 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
 def _grouped(params: dict, n: int, size: int) -> dict:
     """A uniform model of ``n`` primitives as a mixed one, in which they are all in the group of its degree."""
     coeffs = params["sh_coeffs"]
-    grouped = params | {"sh_coeffs": _sh_columns(coeffs, n, size, 0, 1)}
+    grouped = params | {"sh_coeffs": sh_columns(coeffs, n, size, 0, 1)}
     if size > 1:
         degree = sh_degree_of(size)
         grouped[SH[degree].index] = dr.arange(mi.UInt32, n)
-        grouped[SH[degree].names[0]] = _sh_columns(coeffs, n, size, 1, 1 + ROW_COEFFICIENTS[degree])
+        grouped[SH[degree].names[0]] = sh_columns(coeffs, n, size, 1, 1 + ROW_COEFFICIENTS[degree])
     return grouped
-
-
-def _sh_columns(coeffs: mi.Float, n: int, stored: int, start: int, stop: int) -> mi.Float:
-    """Coefficients ``start`` to ``stop`` - 1 of [n, stored, 3]; zeros beyond those."""
-    if (start, stop) == (0, stored):
-        return coeffs
-    size = 3 * (stop - start)
-    i = dr.arange(mi.UInt32, n * size)
-    row, column = i // size, i % size + 3 * start
-    return dr.gather(mi.Float, coeffs, dr.fma(row, stored * 3, column), column < stored * 3)

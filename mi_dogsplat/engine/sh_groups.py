@@ -37,6 +37,17 @@ def padded_on_device(coefficients: mi.Float, degree: int) -> mi.Float:
     return dr.gather(mi.Float, coefficients, dr.fma(row, stored, column), column < stored, mode=mode)
 
 
+def sh_columns(coeffs: mi.Float, n: int, stored: int, start: int, stop: int) -> mi.Float:
+    """Coefficients ``start`` to ``stop`` - 1 of [n, stored, 3], flat; zeros beyond those. Differentiable."""
+    if (start, stop) == (0, stored):
+        return coeffs
+    size = 3 * (stop - start)
+    i = dr.arange(mi.UInt32, n * size)
+    row, column = i // size, i % size + 3 * start
+    mode = dr.ReduceMode.NoConflicts
+    return dr.gather(mi.Float, coeffs, dr.fma(row, stored * 3, column), column < stored * 3, mode=mode)
+
+
 def has_groups(params: dict) -> bool:
     """Whether primitives have SH degrees of their own."""
     return any(group.index in params for group in SH.values())

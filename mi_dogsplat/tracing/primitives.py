@@ -22,7 +22,7 @@ import mitsuba as mi
 
 from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, softplus
 from ..engine.rows import read_rows, rows
-from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups
+from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups, sh_columns
 from ..engine.shifts import ROW as SHIFT_SIZE
 from ..engine.shifts import VIEW_ROW, shift
 from ..scene.row_groups import CURVATURES, PLANES, SH, SHIFTS, SLOPES, RowGroup
@@ -173,11 +173,11 @@ def uniform_sh(params: dict, degree: int) -> mi.Float:
     if not has_groups(params):
         if stored < size:
             raise ValueError(f"SH degree {degree} needs {size} coefficients per channel, sh_coeffs has {stored}")
-        return params["sh_coeffs"] if stored == size else _columns(params["sh_coeffs"], n, stored, size)
+        return sh_columns(params["sh_coeffs"], n, stored, 0, size)
     highest = max(of_group for of_group, group in SH.items() if group.index in params)
     if highest < degree:
         raise ValueError(f"SH degree {degree} needs a group of it, the highest one is of degree {highest}")
-    sh = _columns(params["sh_coeffs"], n, 1, size)
+    sh = sh_columns(params["sh_coeffs"], n, 1, 0, size)
     for of_group, group in SH.items():
         if group.index in params and degree:
             count = 3 * ((min(of_group, degree) + 1) ** 2 - 1)
@@ -188,11 +188,3 @@ def uniform_sh(params: dict, degree: int) -> mi.Float:
             into = dr.fma(dr.gather(mi.UInt32, params[group.index], row), 3 * size, column + 3)
             dr.scatter(sh, values, into, mode=dr.ReduceMode.Permute)
     return sh
-
-
-def _columns(coeffs: mi.Float, n: int, stored: int, size: int) -> mi.Float:
-    """The first ``size`` coefficients of [n, stored, 3]; zeros beyond those."""
-    i = dr.arange(mi.UInt32, n * 3 * size)
-    row, column = i // (3 * size), i % (3 * size)
-    mode = dr.ReduceMode.NoConflicts
-    return dr.gather(mi.Float, coeffs, dr.fma(row, 3 * stored, column), column < 3 * stored, mode=mode)
