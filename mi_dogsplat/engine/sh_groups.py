@@ -53,6 +53,13 @@ def has_groups(params: dict) -> bool:
     return any(group.index in params for group in SH.values())
 
 
+def require_group(params: dict, degree: int) -> None:
+    """Raise ``ValueError`` if no group of a mixed model has that degree, or a higher one."""
+    highest = max(of_group for of_group, group in SH.items() if group.index in params)
+    if highest < degree:
+        raise ValueError(f"SH degree {degree} needs a group of it, the highest one is of degree {highest}")
+
+
 def evaluate_groups(params: dict, camera: DeviceCamera, degree: int) -> list:
     """What the bands 1 to ``degree`` add to the radiance, three channels of [N]; zero for who has none.
 
@@ -63,9 +70,7 @@ def evaluate_groups(params: dict, camera: DeviceCamera, degree: int) -> list:
 
     Raises ``ValueError`` if no group has that degree.
     """
-    highest = max(of_group for of_group, group in SH.items() if group.index in params)
-    if highest < degree:
-        raise ValueError(f"SH degree {degree} needs a group of it, the highest one is of degree {highest}")
+    require_group(params, degree)
     n = dr.width(params["logit_opacities"])
     means = params["means"] * 1  # adjoints of groups add up apart from those of the projection, which need no wait
     rows = dr.zeros(mi.Float, 4 * n)  # of three channels and nothing, which are stored and loaded at once

@@ -22,7 +22,7 @@ import mitsuba as mi
 
 from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, softplus
 from ..engine.rows import read_rows, rows
-from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups, sh_columns
+from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups, require_group, sh_columns
 from ..engine.shifts import ROW as SHIFT_SIZE
 from ..engine.shifts import VIEW_ROW, shift
 from ..scene.row_groups import CURVATURES, PLANES, SH, SHIFTS, SLOPES, RowGroup
@@ -174,9 +174,7 @@ def uniform_sh(params: dict, degree: int) -> mi.Float:
         if stored < size:
             raise ValueError(f"SH degree {degree} needs {size} coefficients per channel, sh_coeffs has {stored}")
         return sh_columns(params["sh_coeffs"], n, stored, 0, size)
-    highest = max(of_group for of_group, group in SH.items() if group.index in params)
-    if highest < degree:
-        raise ValueError(f"SH degree {degree} needs a group of it, the highest one is of degree {highest}")
+    require_group(params, degree)
     sh = sh_columns(params["sh_coeffs"], n, 1, 0, size)
     for of_group, group in SH.items():
         if group.index in params and degree:
