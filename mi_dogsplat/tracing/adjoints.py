@@ -18,9 +18,10 @@ import drjit as dr
 from ..engine.arrays import array_types, detached
 from ..engine.cuts import ROW as NORMAL
 from ..engine.cuts import by_plane
+from ..engine.geometry import MAX_ALPHA
 from ..engine.rows import read_row
 from ..scene.curvatures import ENTRIES
-from .kernels import MAX_ALPHA, Kernel, Meeting
+from .kernels import Kernel, Meeting
 from .own_axes import moved, pulled
 from .shifts import add_adjoints as add_to_shifts
 from .shifts import moved_by

@@ -18,6 +18,7 @@ import drjit as dr
 from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
 from ..curvatures import curved_by
+from ..geometry import MAX_ALPHA, MAX_T
 from ..project import NO_ROW
 from ..rows import read_row
 from ..slopes import CHANNELS
@@ -37,9 +38,7 @@ from .kernel_values import DEAD_PATCH, kernel_values
 from .lane_list import AheadList, LaneList
 from .pixels import BlockPixels
 
-ALPHA_MAX = 0.99
 AVX512_LANES = 16  # of a tile; with AVX-512 there are twice the registers of AVX2 and SSE
-MAX_T = 2.0**30  # only a stack of negative lobes gets there; float32 would end in ∞ and NaN
 
 
 @dataclass
@@ -210,13 +209,13 @@ class Walk:
             return self.primary_alphas(primary)
         alpha = []
         for v, v_p in zip(primary, pseudo, strict=True):
-            a = dr.minimum(v, ALPHA_MAX) - dr.minimum(v_p, ALPHA_MAX)
+            a = dr.minimum(v, MAX_ALPHA) - dr.minimum(v_p, MAX_ALPHA)
             alpha.append(dr.select(dr.abs(a) >= self.settings.cutoffs.alpha, a, 0))
         return alpha
 
     def primary_alphas(self, primary: list) -> list:
         """α of a primitive without a pseudo-Gaussian, from its ``Alphas.primary``."""
-        return [dr.select(v >= self.settings.cutoffs.alpha, dr.minimum(v, ALPHA_MAX), 0) for v in primary]
+        return [dr.select(v >= self.settings.cutoffs.alpha, dr.minimum(v, MAX_ALPHA), 0) for v in primary]
 
     def _kernel(self, kernel: KernelRow, dx, dy) -> list:
         return kernel_values(kernel, dx, dy, self.blocks, self.settings.patch, self.exp2)
