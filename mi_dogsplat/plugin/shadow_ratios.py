@@ -32,6 +32,7 @@ from ..engine.drjit_internals import held, variable_indices
 from ..engine.normals import normals, shortest_axes
 from ..engine.rows import rows
 from .samples import STEPS
+from .transfer import three_channels
 
 SEED = 0  # of all random numbers: every pass, frame and derivative sees the same ratios
 OF_SPLATS = "means", "log_scales", "quats", "to_world"  # parameters of primitives that ratios depend on
@@ -143,8 +144,7 @@ class _Side:
 
     def ratio(self) -> list:
         """E / E0, at most 1; 1 where no light could arrive."""
-        channels = list(dr.select(self.E0 > 0, dr.minimum(self.E / dr.select(self.E0 > 0, self.E0, 1), 1), 1))
-        return channels * (3 if len(channels) == 1 else 1)
+        return three_channels(dr.select(self.E0 > 0, dr.minimum(self.E / dr.select(self.E0 > 0, self.E0, 1), 1), 1))
 
 
 def _bounces(max_depth: int) -> Any:

@@ -12,6 +12,7 @@ import mitsuba as mi
 from ..engine.arrays import while_loop
 from ..engine.rasterize import Frame
 from .sensor import ViewPass
+from .transfer import three_channels
 
 
 @dataclass
@@ -83,8 +84,7 @@ def radiance(nested: Any, scene: Any, seen: Surfaces) -> list[mi.Float]:
             spectrum = nested.sample(mode=dr.ADMode.Primal, scene=scene, sampler=sampler, ray=seen.ray, **state)[0]
         else:
             spectrum = nested.sample(scene, sampler, seen.ray, seen.medium)[0]
-        channels = list(spectrum)
-        colors = [dr.select(seen.hit, c, 0) for c in (channels * 3 if len(channels) == 1 else channels)]
+        colors = [dr.select(seen.hit, c, 0) for c in three_channels(spectrum)]
         dr.eval(colors)
         return colors
 
