@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ..scene.row_groups import DOG, RowGroup
 from .config import TrainConfig
-from .footprint import Later
+from .memory_budget import Later
 from .optimizer.preconditioning import n_products
 from .presets import Recipe
 

@@ -10,8 +10,8 @@ from ..scene.row_groups import BESIDE_COLORS
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .config import TrainConfig
-from .footprint import Budget, budget
 from .later_rows import later_rows
+from .memory_budget import Budget, budget
 from .presets import RECIPES, Recipe
 from .strategy.pose_refinement import PoseRefinement
 

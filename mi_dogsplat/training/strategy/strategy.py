@@ -47,8 +47,8 @@ from ...engine.rasterize import Frame
 from ...render.picture import Picture
 from ...scores.score import Score
 from ..events import Event
-from ..footprint import Budget
 from ..losses import LossMeans
+from ..memory_budget import Budget
 from ..optimizer.splat_optimizer import SplatOptimizer
 
 if TYPE_CHECKING:
