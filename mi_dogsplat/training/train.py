@@ -36,7 +36,7 @@ from .config import TrainConfig
 from .events import Event
 from .images.photographs import READ_AHEAD, Photographs
 from .initialize import initial_splats
-from .losses import LossMeans
+from .loss_means import LossMeans
 from .optimizer.learning_rates import LearningRates
 from .optimizer.splat_optimizer import SplatOptimizer
 from .presets import Recipe

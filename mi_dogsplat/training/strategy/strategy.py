@@ -47,7 +47,7 @@ from ...engine.rasterize import Frame
 from ...render.picture import Picture
 from ...scores.score import Score
 from ..events import Event
-from ..losses import LossMeans
+from ..loss_means import LossMeans
 from ..memory_budget import Budget
 from ..optimizer.splat_optimizer import SplatOptimizer
 
