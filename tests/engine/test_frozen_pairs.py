@@ -29,7 +29,7 @@ from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.engine.walks.squared_weights import composite_squared_weights
 from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scores.score import CUT_KINDS, ScoreRule
-from mi_dogsplat.training.images.image_formation import Frame, formed, formed_gradients
+from mi_dogsplat.training.images.image_formation import ImageSize, formed, formed_gradients
 from mi_dogsplat.training.images.loss import PhotometricLoss
 from mi_dogsplat.training.optimizer.adam import Entry
 from mi_dogsplat.training.optimizer.adam_step import replayed_step
@@ -163,12 +163,12 @@ def cut_planes(order: str, n: int) -> list:
 
 def taken(width=9, height=5, order="abc") -> np.ndarray:
     """As a camera takes it."""
-    frame, numbers = Frame.of(width, height), detached(device_array(np.array(NUMBERS)))
+    frame, numbers = ImageSize.of(width, height), detached(device_array(np.array(NUMBERS)))
     return rows(formed(cut_planes(order, width * height), numbers, frame))
 
 
 def taken_back(width=9, height=5, order="abcdef") -> np.ndarray:
-    frame, numbers = Frame.of(width, height), detached(device_array(np.array(NUMBERS)))
+    frame, numbers = ImageSize.of(width, height), detached(device_array(np.array(NUMBERS)))
     shown, adjoint = (cut_planes(letters, width * height) for letters in (order[:3], order[3:]))
     by_planes, sums = formed_gradients(shown, numbers, frame, adjoint)
     return np.concatenate([rows(by_planes).ravel(), sums.numpy()])
