@@ -61,11 +61,11 @@ def test_slopes_and_cuts_of_one_model_do_not_mix():
     after = optimizer.to_splats()
     assert (after.slope_index.tolist(), after.cut_index.tolist()) == ([1], [0, 1])
     assert after.second_cut_index.tolist() == [1, 2]
-    optimizer.set_slopes(np.array([], int), np.zeros((0, 3, 3)))
+    optimizer.set_rows(SLOPES, np.array([], int), {})
     assert_same(optimizer.to_splats(), after.without_slopes())
     optimizer.set_rows(SECOND_CUTS, np.array([], int), {})
     assert_same(optimizer.to_splats(), after.without_slopes().without_second_cuts())
-    optimizer.set_cuts(np.array([], int), np.zeros((0, 3)))
+    optimizer.set_rows(CUTS, np.array([], int), {})
     assert_same(optimizer.to_splats(), after.without_slopes().without_cuts())
 
 
