@@ -27,8 +27,7 @@ from ..optimizer.sh_rows import SH_INDEX
 from ..optimizer.splat_optimizer import SplatOptimizer
 
 OF_COLORS = RAW_SLOPES + RAW_CURVATURES
-MAX_COLOR = 1 / Cutoffs().alpha  # of a slope, per standard deviation; trained models stay below 2
-MAX_SH = MAX_COLOR / C0  # 904; trained models stay below 10
+MAX_COLOR = 1 / Cutoffs().alpha  # trained models stay below 3; of a slope, per standard deviation, below 2
 MAX_RADIANCE = 1e6  # instead of MAX_COLOR where images are linear, in units of white; the sun is below 1e5
 MAX_NORMAL = 1e4  # of a cut, per standard deviation; trained models stay below 200
 MAX_SCALE = 1e4  # times the extent of the cameras; trained models stay below 10
