@@ -59,7 +59,7 @@ class ScoreRule:
     """Which score, and its numbers. Raises ``ValueError`` for numbers that mean nothing."""
 
     kind: str = "spatio-spectral"
-    """(F = J), leave-one-out (D), leave-dog-out (P), leave-cut-out and leave-second-cut-out (Q), released, opacity"""
+    """Of ``KINDS``; F is J, of leave-one-out D, of leave-dog-out P, of leave-cut-out and leave-second-cut-out Q."""
     spatial_weight: float = 1.0  # λ_s
     spectral_weight: float = 1.0  # λ_f
     gamma_f: float = 1.0  # γ, of the spectral part
