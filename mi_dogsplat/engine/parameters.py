@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..scene.row_groups import BESIDE_COLORS, CURVATURES, DOG, GROUPS, PLANES, SH, SHIFTS, SLOPES
+from ..scene.row_groups import BESIDE_COLORS, DOG, GROUPS, SH
 from ..scene.sh_basis import sh_degree_of
 from ..scene.splats import DENSE, Splats
 from .project import NO_ROW
@@ -16,11 +16,7 @@ from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows, sh_columns
 
 RAW = DENSE
 RAW_DOG = DOG.names
-RAW_SLOPES = SLOPES.names
-RAW_CURVATURES = CURVATURES.names
-RAW_CUTS = tuple(name for group in PLANES for name in group.names)
-RAW_OWN_AXES = RAW_SLOPES + RAW_CURVATURES + RAW_CUTS
-RAW_SHIFTS = SHIFTS.names
+RAW_OF_GROUPS = tuple(name for group in BESIDE_COLORS for name in group.names)
 ROWS = {group.index: group.row for group in BESIDE_COLORS}
 """Index of a group to the name of its inverse [N], ``rows_of_splats``, where kernels ask for the row of a primitive."""
 
