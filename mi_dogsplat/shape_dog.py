@@ -10,13 +10,13 @@ import mitsuba as mi
 import numpy as np
 
 from .engine.motion import moved
-from .engine.parameters import RAW, ROWS, device_array, device_tensor, rows_of_splats
+from .engine.parameters import RAW, device_array, device_tensor, rows_of_splats
 from .engine.sh_groups import padded_on_device
 from .plugin.freezing import refuse_freezing
 from .plugin.given_model import given_model, on_host
 from .plugin.properties import matrix_of
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
-from .scene.row_groups import CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
+from .scene.row_groups import BESIDE_COLORS, CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
 from .scene.shifts import box_of_places
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, mean_scale, transformed
@@ -174,7 +174,7 @@ class DogShape(mi.Mesh):
         self._rows = {  # of the groups of which kernels ask for the row of a primitive: index [M] to its inverse [N]
             group.index: rows_of_splats(getattr(splats, group.index), splats.n_splats)
             for group in self.groups
-            if group.index in ROWS
+            if group in BESIDE_COLORS
         }
 
     def traverse(self, callback: mi.TraversalCallback):
@@ -207,7 +207,7 @@ class DogShape(mi.Mesh):
         for group in changed:
             index = getattr(self, group.index).numpy()
             require_index(group.index, index, n)
-            if group.index in ROWS:
+            if group in BESIDE_COLORS:
                 self._rows[group.index] = rows_of_splats(index, n)
         of_degrees = [group for group in SH.values() if group in self.groups]
         if of_degrees and (changed or size != self._checked[1]):
@@ -226,8 +226,8 @@ class DogShape(mi.Mesh):
         for group in self._in_use():
             params |= {name: getattr(self, name).array for name in group.names}
             params[group.index] = getattr(self, group.index)
-            if group.index in ROWS:
-                params[ROWS[group.index]] = self._rows[group.index]
+            if group in BESIDE_COLORS:
+                params[group.row] = self._rows[group.index]
         for degree, group in SH.items():
             if group.index in params:
                 (name,) = group.names

@@ -17,10 +17,6 @@ from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows, sh_columns
 RAW = DENSE
 RAW_DOG = DOG.names
 RAW_OF_GROUPS = tuple(name for group in BESIDE_COLORS for name in group.names)
-ROWS = {group.index: group.row for group in BESIDE_COLORS}
-"""Index of a group to the name of its inverse [N], ``rows_of_splats``, where kernels ask for the row of a primitive."""
-
-
 ALIGNMENT = 64  # bytes; Dr.Jit compiles another kernel for memory that is less aligned
 
 
@@ -56,7 +52,7 @@ def upload(splats: Splats) -> dict:
         if len(index):
             params |= {name: device_array(getattr(splats, name)) for name in group.names}
             params[group.index] = device_array(index, mi.UInt32)
-            params[ROWS[group.index]] = rows_of_splats(index, splats.n_splats)
+            params[group.row] = rows_of_splats(index, splats.n_splats)
     for group in SH.values():
         index, (name,) = getattr(splats, group.index), group.names
         if len(index):
@@ -100,8 +96,8 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
             joined |= {name: dr.concat([p[name] for p, _ in having]) for name in group.names}
             index = np.concatenate([p[group.index].numpy() + first for p, first in having])
             joined[group.index] = device_array(index, mi.UInt32)
-            if group.index in ROWS:
-                joined[ROWS[group.index]] = rows_of_splats(index, sum(counts))
+            if group in BESIDE_COLORS:
+                joined[group.row] = rows_of_splats(index, sum(counts))
     return joined, size
 
 

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.engine.parameters import ROWS, upload
+from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import NO_ROW
 from mi_dogsplat.scene.kinds import COUNTED
 from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, OWN_AXES, PLANES, SECOND_CUTS, SLOPES, RowGroup
@@ -32,7 +32,7 @@ def rows_of(group: RowGroup, values) -> np.ndarray:
 
 
 def params_of(group: RowGroup) -> set[str]:
-    return {name_of(group), group.index, ROWS[group.index]}
+    return {name_of(group), group.index, group.row}
 
 
 def optimizer_of(group: RowGroup, index=(1, 4, 6), n: int = 8, degree: int = 1) -> SplatOptimizer:
@@ -91,7 +91,7 @@ def test_rows_follow_their_primitives_and_fresh_copies_have_none(group):
     for new, old in zip(moments(optimizer, name), (m, v), strict=True):
         np.testing.assert_array_equal(new, old[[2, 1]])
         assert np.ptp(new) > 0
-    np.testing.assert_array_equal(optimizer.params[ROWS[group.index]].numpy(), [0, NO_ROW, 1, NO_ROW, NO_ROW])
+    np.testing.assert_array_equal(optimizer.params[group.row].numpy(), [0, NO_ROW, 1, NO_ROW, NO_ROW])
     optimizer.keep(np.array([1, 3]))
     assert len(optimizer.index_of(group)) == 0 and not params_of(group) & set(optimizer.params)
     run(optimizer, 1)
