@@ -78,7 +78,7 @@ class Walk:
         """
         self.types = types = array_types()
         self.exp2: Callable[[Any], Any] = exp2 if types.is_llvm else dr.exp2
-        self.grid, self.tables, self.lists, self.settings = view.grid, view.tables, view.lists, view.settings
+        self.tables, self.lists, self.settings = view.tables, view.lists, view.settings
         self.columns, self.row_size = columns_used(view.settings), row_size(view.settings)
         self.has_dog = view.tables.pseudo is not None and dog is not False
         # whether a negative α raises T; a model without DoG has none, and is not asked
