@@ -106,19 +106,20 @@ class SplatIntegrator(ADIntegrator):
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
         sensor = _sensor(scene, sensor)
-        passes, film = self._passes(scene, sensor, seed, spp), sensor.film()
+        passes = self._passes(scene, sensor, seed, spp)
         with dr.resume_grad():
             if len(passes) == 1:
                 image = self.developed(scene, sensor, seed, spp, derivative=True)
                 backward([image], [grad_in])
             else:
-                self._backward_by_passes(scene, sensor, passes, film, grad_in)
+                self._backward_by_passes(scene, sensor, passes, grad_in)
         dr.eval()
 
     # --- passes ---
 
-    def _backward_by_passes(self, scene, sensor, passes: list[Sample], film: mi.Film, grad_in) -> None:
+    def _backward_by_passes(self, scene, sensor, passes: list[Sample], grad_in) -> None:
         """One pass after the other, so that memory does not grow with their number: their mean is linear in them."""
+        film = sensor.film()
         spreader, pixels = Filter(film), dr.prod(film.crop_size())
         n_planes = 3 + has_alpha(film) + len(self.aov_names())
         planes = [dr.zeros(mi.Float, pixels) for _ in range(n_planes)]
