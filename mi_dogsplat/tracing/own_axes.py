@@ -124,5 +124,5 @@ def moved(point: OwnPoint, inside: list, M: list, here: Any) -> list:
 
 
 def _inside(point: OwnPoint) -> list:
-    """y"""
+    """y, the point in kernel space."""
     return [PER_DEVIATION * w for w in point.w]
