@@ -148,7 +148,7 @@ class Options:
             bytes_of = bytes_of + prices.shifts * np.outer(self.shifted, bytes_of > 0)  # [N, options]
         choice = allocate(values, bytes_of, max(0.0, budget - prices.fixed))
         kept = np.flatnonzero(choice)
-        what = choice[kept] - 1
+        what = choice[kept] - 1  # degree, and DEGREES << k if it keeps its row of the k-th of these groups
         left = dict.fromkeys(GROUPS, NOBODY)
         left |= {name: np.flatnonzero(what // (DEGREES << k) % 2) for k, name in enumerate(groups)}
         return Chosen(kept, what % DEGREES, **left)
