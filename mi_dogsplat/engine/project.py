@@ -38,6 +38,7 @@ from .slopes import slopes_on_screen
 
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
 LOG2_E = 1.4426950408889634
+MIN_ANTIALIAS_RATIO = 2.5e-5  # of determinants without and with the low-pass filter, as in Mip-Splatting's code
 MAX_AXIS = 1e8  # px; a longer axis of a kernel is cut to this, which changes no pixel and keeps squares in range
 MAX_DET = 2.0**62  # px⁴; the inverse square of a larger determinant is no float, and derivatives need it
 NO_ROW = 0xFFFFFFFF  # row of a primitive that is not in a group: is no DoG, has no slopes, or no cut
@@ -143,7 +144,7 @@ def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
     raw_det = m0 * m0 + m1 * m1 + m2 * m2
     det = raw_det + LOW_PASS * (raw_xx + raw_yy) + LOW_PASS * LOW_PASS
     if antialiased:
-        factor = 0.5 * dr.log2(dr.maximum(2.5e-5, raw_det / det))
+        factor = 0.5 * dr.log2(dr.maximum(MIN_ANTIALIAS_RATIO, raw_det / det))
         # of larger ones the ratio is above .999, and has next to no derivative
         log2_opacity = log2_opacity + dr.select(det < MAX_DET, factor, dr.detach(factor))
     xx, yy = raw_xx + LOW_PASS, raw_yy + LOW_PASS
