@@ -72,8 +72,8 @@ class Walk:
     def __init__(self, view: PreparedView, dog: bool | None = None, blends_only: bool = False):
         """
         Args:
-            dog: walk those tiles alone that have a DoG primitive, or, False, those that have none, past kernels that
-                know no pseudo-Gaussian; for lists that know which these are.
+            dog: None: walk all tiles. True: those that have a DoG primitive; False: those that have none, with kernels
+                that know no pseudo-Gaussian. Both need lists that tell (``TileLists.dog``).
             blends_only: nothing is added up over lanes, so that they may meet an isect in any order.
         """
         self.types = types = array_types()
