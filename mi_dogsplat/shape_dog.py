@@ -10,13 +10,13 @@ import mitsuba as mi
 import numpy as np
 
 from .engine.motion import moved
-from .engine.parameters import RAW, ROWS, device_array, device_tensor, rows_of_splats
+from .engine.parameters import RAW, device_array, device_tensor, rows_of_splats
 from .engine.sh_groups import padded_on_device
 from .plugin.freezing import refuse_freezing
 from .plugin.given_model import given_model, on_host
 from .plugin.properties import matrix_of
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
-from .scene.row_groups import CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
+from .scene.row_groups import BESIDE_COLORS, CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
 from .scene.shifts import box_of_places
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, mean_scale, transformed
@@ -166,21 +166,19 @@ class DogShape(mi.Mesh):
         self._fits, self._checked = True, (splats.n_splats, splats.sh_coeffs.shape[1])
 
     def _assign(self, splats: Splats):
-        for name in RAW:
-            setattr(self, name, device_tensor(getattr(splats, name)))
         self.groups = [group for group in GROUPS if len(getattr(splats, group.index))]
+        for name in self._tensors():
+            setattr(self, name, device_tensor(getattr(splats, name)))
         for group in self.groups:
-            for name in group.names:
-                setattr(self, name, device_tensor(getattr(splats, name)))
             setattr(self, group.index, device_array(getattr(splats, group.index), mi.UInt32))
         self._rows = {  # of the groups of which kernels ask for the row of a primitive: index [M] to its inverse [N]
             group.index: rows_of_splats(getattr(splats, group.index), splats.n_splats)
             for group in self.groups
-            if group.index in ROWS
+            if group in BESIDE_COLORS
         }
 
     def traverse(self, callback: mi.TraversalCallback):
-        for name in (*RAW, *(name for group in self.groups for name in group.names)):
+        for name in self._tensors():
             callback.put(name, getattr(self, name), mi.ParamFlags.Differentiable)
         for group in self.groups:
             callback.put(group.index, getattr(self, group.index), mi.ParamFlags.NonDifferentiable)
@@ -200,8 +198,7 @@ class DogShape(mi.Mesh):
                 raise RuntimeError(f'dog: "to_world": {error}') from None
             self._moves = "to_world" in keys or not np.array_equal(matrix, np.eye(4))
         rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (size, 3)}
-        names = (*RAW, *(name for group in self.groups for name in group.names))
-        shapes = {name: tuple(getattr(self, name).shape) for name in names}
+        shapes = {name: tuple(getattr(self, name).shape) for name in self._tensors()}
         require_rows(shapes, rows, n, "means")
         for group in self.groups:
             require_rows(shapes, group.arrays, dr.width(getattr(self, group.index)), group.index)
@@ -210,7 +207,7 @@ class DogShape(mi.Mesh):
         for group in changed:
             index = getattr(self, group.index).numpy()
             require_index(group.index, index, n)
-            if group.index in ROWS:
+            if group in BESIDE_COLORS:
                 self._rows[group.index] = rows_of_splats(index, n)
         of_degrees = [group for group in SH.values() if group in self.groups]
         if of_degrees and (changed or size != self._checked[1]):
@@ -229,13 +226,17 @@ class DogShape(mi.Mesh):
         for group in self._in_use():
             params |= {name: getattr(self, name).array for name in group.names}
             params[group.index] = getattr(self, group.index)
-            if group.index in ROWS:
-                params[ROWS[group.index]] = self._rows[group.index]
+            if group in BESIDE_COLORS:
+                params[group.row] = self._rows[group.index]
         for degree, group in SH.items():
             if group.index in params:
                 (name,) = group.names
                 params[name] = padded_on_device(params[name], degree)
         return moved(params, self.to_world) if self._moves or dr.grad_enabled(self.to_world) else params
+
+    def _tensors(self) -> list[str]:
+        """Names of the differentiable parameters of primitives."""
+        return [*RAW, *(name for group in self.groups for name in group.names)]
 
     def _matrix(self) -> np.ndarray:
         """The parameter ``to_world`` on the host."""
@@ -253,7 +254,7 @@ class DogShape(mi.Mesh):
 
     def to_splats(self) -> Splats:
         """A copy of the current parameters as a model on the host, e.g. for ``write_ply``."""
-        names = [*RAW, *(name for group in self.groups for name in (group.index, *group.names))]
+        names = [*self._tensors(), *(group.index for group in self.groups)]
         # on LLVM an array of NumPy shows the memory of the parameter
         splats = Splats(**{name: np.array(on_host(dr.detach(getattr(self, name)))) for name in names})
         return transformed(splats, self._matrix()) if self._moves else splats

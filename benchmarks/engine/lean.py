@@ -11,7 +11,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_OWN_AXES, RAW_SHIFTS, upload
+from mi_dogsplat.engine.parameters import RAW, RAW_OF_GROUPS, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.scene.cameras import Camera
@@ -128,7 +128,7 @@ def stripped_backward(splats: Splats, camera: Camera) -> Callable[[], None]:
 def gradients(splats: Splats, backward: Callable[[dict], None]) -> Callable[[], None]:
     """A pass that accumulates gradients on the parameters, evaluates and forgets them."""
     params = upload(splats)
-    values = [params[name] for name in RAW + RAW_DOG + RAW_OWN_AXES + RAW_SHIFTS if name in params]
+    values = [params[name] for name in RAW + RAW_OF_GROUPS if name in params]
     dr.enable_grad(values)
 
     def run() -> None:

@@ -27,7 +27,7 @@ from mi_dogsplat.engine.project import (
     rows,
     softplus,
 )
-from mi_dogsplat.engine.sh import read_rows
+from mi_dogsplat.engine.rows import read_rows
 from mi_dogsplat.engine.tiles import TileLists, tiles
 from mi_dogsplat.engine.walks.pixels import planes_of
 from mi_dogsplat.engine.walks.slot_rows import columns_of, lanes_add_in_turn

@@ -11,14 +11,13 @@ import drjit as dr
 import mitsuba as mi
 from mi_dogsplat.engine.arrays import array_types, while_loop
 from mi_dogsplat.engine.frozen import frozen
-from mi_dogsplat.engine.geometry import Grid, Lanes
+from mi_dogsplat.engine.geometry import MAX_ALPHA, Grid, Lanes
 from mi_dogsplat.engine.tiles import WORD, TileLists
 from mi_dogsplat.engine.walks.block_sums import kernel_adjoints
 from mi_dogsplat.engine.walks.derivatives import LN2
 from mi_dogsplat.engine.walks.exp2 import exp2
 from mi_dogsplat.engine.walks.kernel_values import DEAD_PATCH
 from mi_dogsplat.engine.walks.slot_rows import SlotRows
-from mi_dogsplat.engine.walks.walk import ALPHA_MAX
 
 ALPHA_MIN, T_MIN = 1 / 255, 1e-4
 ROW = 16  # x y ux uy vy lo q s t, colour, padding
@@ -109,7 +108,7 @@ class Lane:
 
     def blend(self, value, T, light) -> tuple:
         """(α, weight, T behind, the same as if the walk had not ended, whether it is blended)."""
-        alpha = dr.select(value >= ALPHA_MIN, dr.minimum(value, ALPHA_MAX), 0)
+        alpha = dr.select(value >= ALPHA_MIN, dr.minimum(value, MAX_ALPHA), 0)
         weight = alpha * light
         behind = light - weight
         go = behind >= T_MIN
@@ -192,7 +191,7 @@ def composite_backward(
                 rest[k] = dr.fma(-weight, c, rest[k])
                 δα = LN2 * dr.fma(T[k], c, -(rest[k] / (1 - alpha)))
                 δα = dr.select(go & (alpha != 0), δα, 0)
-                δp.append(dr.select(value < ALPHA_MAX, δα * value, 0))
+                δp.append(dr.select(value < MAX_ALPHA, δα * value, 0))
                 T[k] = behind
             rows.add(slot, kernel_adjoints(δp, ux, uy, vy, dx, dy, grid.blocks) + δf, active)
         return at, T, rest

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..engine.parameters import RAW, RAW_DOG, RAW_OWN_AXES, RAW_SHIFTS
+from ..engine.parameters import RAW, RAW_OF_GROUPS
 from ..scene.row_groups import BESIDE_COLORS
 from ..scene.splats import Splats
 
-NAMES = RAW + RAW_DOG + RAW_OWN_AXES + RAW_SHIFTS  # of all that a model which is not mixed may have
+NAMES = RAW + RAW_OF_GROUPS  # of all that a model which is not mixed may have
 
 
 def rows_of(splats: Splats, name: str) -> np.ndarray:

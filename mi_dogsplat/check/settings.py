@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..engine.device_camera import DeviceCamera
 from ..engine.geometry import SMOOTH, Cutoffs
+from ..engine.options import RasterOptions
 from ..engine.parameters import upload
-from ..engine.project import DeviceCamera
-from ..engine.rasterize import RasterOptions
 from ..scene.splats import Splats
 from ..scores.score import ScoreRule
 from .scenes import Scene

@@ -27,10 +27,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..engine.device_camera import DeviceCamera
 from ..engine.geometry import SMOOTH, Cutoffs
+from ..engine.options import RasterOptions
 from ..engine.parameters import device_array, upload
-from ..engine.project import DeviceCamera
-from ..engine.rasterize import RasterOptions, rasterize
+from ..engine.rasterize import rasterize
 from ..reference.forward import MAX_T
 from ..reference.gradients import Rendered, gradients_tiled, render_tiled
 from ..reference.rounding import rounding_tiled

@@ -18,8 +18,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.arrays import backward
+from ..engine.device_camera import DeviceCamera
 from ..engine.parameters import device_array
-from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame, rasterize
 from ..measure.timing import milliseconds_in_turn
 from ..reference.gradients import gradients_tiled, render_tiled

@@ -13,8 +13,8 @@ from typing import Any
 from ..datasets import Dataset
 from ..datasets.dataset import View
 from ..datasets.masks import Masks
+from ..engine.options import RasterOptions
 from ..engine.parameters import upload
-from ..engine.rasterize import RasterOptions
 from ..formats.read import read_model
 from ..measure.evaluate import render_milliseconds_in_turn
 from ..render.picture import Picture, background_color, render_picture

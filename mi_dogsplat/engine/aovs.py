@@ -90,7 +90,8 @@ def channels(names: Sequence[str], frame: Frame, derivative: bool = False) -> li
 
 
 def _found_by_a_walk(names: Sequence[str], frame: Frame) -> dict[str, list[mi.Float]]:
-    if frame.projection is None or frame.view is None:  # nothing to walk through
+    """Planes of the AOVs of ``walks/aovs.py`` among ``names``; none of a frame without primitives."""
+    if frame.projection is None or frame.view is None:
         return {}
     wanted = walked(names, has_dog=frame.projection.pseudo is not None)
     if not wanted:

@@ -1,6 +1,6 @@
 """A view ready to be walked, in one piece or in bands of tile rows: what every walk takes.
 
-Most of what an isect needs, its sums of a walk and what its lists are made of, is needed of one band at a time. The
+Most memory of an isect, for its sums in a walk and for the making of its lists, is needed for one band at a time. The
 lists themselves are kept for the next walk. Primitives are projected, packed and sorted by depth once.
 
 The result has the same bits. Bands are walked from top to bottom, and a primitive adds up its isects in this order

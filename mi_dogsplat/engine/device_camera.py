@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -10,6 +11,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..scene.cameras import Camera
+
+MARGIN = 0.15  # of the image beyond each of its sides, where J still follows the centre: 1.3 x the field of view
 
 
 @dataclass
@@ -83,7 +86,7 @@ class DeviceCamera:
         """
         x0, y0, x1, y1 = film or (0, 0, camera.width, camera.height)
         position = camera.position.astype(np.float32).astype(np.float64)
-        margin_x, margin_y = 0.15 * (x1 - x0) / camera.fx, 0.15 * (y1 - y0) / camera.fy
+        margin_x, margin_y = MARGIN * (x1 - x0) / camera.fx, MARGIN * (y1 - y0) / camera.fy
         numbers = [
             *camera.w2c[:3, :3].ravel(), *position, *(camera.position - position),
             camera.fx, camera.fy, camera.cx, camera.cy,
@@ -107,7 +110,7 @@ class DeviceCamera:
         """What the projection reads, the nudge apart: no numbers by which one camera could be told from another."""
         return replace(self, width=0, height=0, numbers=(), nudge=None)
 
-    def offset(self, points: list) -> list:
+    def offset(self, points: Iterable) -> list:
         """From the camera centre to points, before anything is multiplied: far from the origin W μ + t would cancel."""
         of_axes = zip(points, self.position, self.position_rest, strict=True)
         offset = [(point - position) - rest for point, position, rest in of_axes]

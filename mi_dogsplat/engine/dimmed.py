@@ -18,6 +18,7 @@ from ..scene.sh_basis import C0
 from ..support.srgb import OFFSET, POWER
 from .curvatures import ROW as CURVATURE_ROW
 from .sh_groups import ROW_COEFFICIENTS
+from .slopes import ROW as SLOPE_ROW
 
 
 def dimmed(params: dict, factor: list, linear: bool) -> dict:
@@ -40,7 +41,7 @@ def dimmed(params: dict, factor: list, linear: bool) -> dict:
     changed = {"sh_coeffs": dr.fma(sh, k, dr.select(dc, (k - 1) * ((0.5 - black) / C0), 0))}
     if SLOPES.index in params:
         (name,) = SLOPES.names
-        changed[name] = params[name] * _of_coefficients(of_rows, params[SLOPES.index], 9)
+        changed[name] = params[name] * _of_coefficients(of_rows, params[SLOPES.index], SLOPE_ROW)
     if CURVATURES.index in params:
         (name,) = CURVATURES.names
         red, green, blue = gain

@@ -9,6 +9,7 @@ that the ellipse does not enter ("AccuTile", Speedy-Splat 2024).
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +20,7 @@ from .cuts import LOG2_LARGEST
 from .geometry import Blocks, Grid
 from .project import NO_ROW, Kernels, Projection
 
+LN2 = math.log(2)
 SLACK = 1e-3  # px, above the rounding error of the spans
 
 
@@ -34,9 +36,9 @@ class _Ellipses:
         self.t = column(kernels.lo) + log2_range
         self.seen = self.t > 0
         t = dr.maximum(self.t, 0)
-        # half extents: sqrt(2 ln2 t Σ'_xx)
-        self.extent_x = dr.sqrt(1.3862943611198906 * t * column(kernels.variance_x))
-        self.extent_y = dr.sqrt(1.3862943611198906 * t * column(kernels.variance_y))
+        # half extents
+        self.extent_x = dr.sqrt(2 * LN2 * t * column(kernels.variance_x))
+        self.extent_y = dr.sqrt(2 * LN2 * t * column(kernels.variance_y))
         # y of the rightmost point, Σ'_xy / Σ'_xx of its x; the leftmost is its mirror image
         covariance = self.slope * column(kernels.variance_y)
         self.y_right = covariance / column(kernels.variance_x) * self.extent_x

@@ -25,6 +25,7 @@ import drjit as dr
 from .arrays import array_types
 
 KINDS_KEPT = 16  # of a function that is recorded for sizes
+PLAIN = {bool, int, float, str, type(None)}  # types that ``repr`` tells apart, and their values
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -123,7 +124,7 @@ def described(value: Any) -> tuple[str, list]:
 def _describe(value: Any, words: list[str], arrays: dict[int, tuple[str, Any]]) -> None:
     kind = type(value)
     if kind in PLAIN:
-        words.append(repr(value))  # exact, and another one for 1, 1.0 and True
+        words.append(repr(value))
     elif dr.is_array_v(kind):
         word, _ = arrays.setdefault(id(value), (f"#{len(arrays)}", value))
         words.append(word)
@@ -147,9 +148,6 @@ def _describe(value: Any, words: list[str], arrays: dict[int, tuple[str, Any]]) 
         words.append(f"{kind.__name__} {value!r}")
     else:
         raise TypeError(f"a frozen function takes arrays, numbers, strings and what is made of them, not {value!r}")
-
-
-PLAIN = {bool, int, float, str, type(None)}
 
 
 @functools.cache

@@ -95,6 +95,8 @@ class Cutoffs:
 
 
 SMOOTH = Cutoffs(0.0, 0.0)
+MAX_ALPHA = 0.99  # of a kernel, in pictures and along rays
+MAX_T = 2.0**30  # a walk ends before; only a stack of negative lobes gets there, and float32 would end in ∞ and NaN
 
 
 @dataclass

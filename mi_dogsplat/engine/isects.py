@@ -72,8 +72,8 @@ def count_isects(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Isects
 
 
 def _few_dog(projection: Projection) -> Any:
-    """``Isects.dog_row``. The share of DoG decides and not the lists, whose length is another one in every view: what
-    is known of their tiles makes another kernel."""
+    """``Isects.dog_row``. The share of DoG in the model decides: deciding by the lists of a view, kernels would change
+    from view to view."""
     if projection.pseudo is None or dr.width(projection.dog_index) * FEW_DOG > dr.width(projection.x):
         return None
     return detached(projection.dog_row)

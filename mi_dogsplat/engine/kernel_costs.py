@@ -15,15 +15,17 @@ import drjit as dr
 import numpy as np
 
 from ..scene.cameras import Camera
+from ..scene.row_groups import CURVATURES, CUTS, DOG, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
 from ..scene.splats import Splats
 from .arrays import array_types
 from .bands import WalkableView
 from .curvatures import COLUMNS as CURVATURE_COLUMNS
 from .cuts import COLUMNS as CUT_COLUMNS
+from .device_camera import DeviceCamera
 from .geometry import Blocks, Grid
 from .options import RasterOptions, Settings
 from .parameters import upload
-from .project import DeviceCamera, project
+from .project import project
 from .tables import pack
 from .view import arrange, settings_of
 from .walks.aovs import composite_aovs
@@ -69,7 +71,8 @@ def primitive_operations(
     """Operations of the projection per primitive; with ``dog``, per DoG primitive, with ``slopes``, per one whose
     colour varies over it, with ``curvatures``, whose brightness curves, with ``cuts``, that so many planes cut off,
     with ``shifts``, whose place depends on the view. ``variant``: the active one."""
-    splats, camera = _model(options.sh_degree, dog, slopes, curvatures, cuts, shifts)
+    kinds = (DOG, dog), (SLOPES, slopes), (CURVATURES, curvatures), (CUTS, cuts > 0), (SECOND_CUTS, cuts > 1)
+    splats, camera = _model(options.sh_degree, [group for group, there in (*kinds, (SHIFTS, shifts)) if there])
     params = upload(splats)
 
     def run() -> None:
@@ -108,8 +111,9 @@ def _compositor_operations(settings: Settings, dog: bool, unroll: int) -> tuple[
 
 def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     """What the compositor takes; which planes it blends matters to no kernel."""
-    splats, camera = _model(0, dog)
+    splats, camera = _model(0, [DOG] if dog else [])
     projection = project(upload(splats), camera, sh_degree=0)
+    # columns by their number: kernels do not know which arrays these are
     if settings.slopes:
         projection.slopes = 2 * projection.colors
     if settings.curvatures:
@@ -123,32 +127,17 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     return view
 
 
-def _model(
-    sh_degree: int, dog: bool, slopes: bool = False, curvatures: bool = False, cuts: int = 0, shifts: bool = False
-) -> tuple[Splats, DeviceCamera]:
-    """A model in front of a camera; what it shows matters to no kernel."""
+def _model(sh_degree: int, groups: list[RowGroup]) -> tuple[Splats, DeviceCamera]:
+    """A model in front of a camera, all of it in these ``groups``; what it shows matters to no kernel."""
     rng = np.random.default_rng(0)
-    kinds = dog, slopes, curvatures, cuts > 0, cuts > 1, shifts
-    index, sloped, curved, cut, cut_twice, shifted = (np.arange(N if some else 0) for some in kinds)
+    rows = {name: np.zeros((N, *shape)) for group in groups for name, shape in group.arrays.items()}
     splats = Splats(
         means=rng.uniform([-1, -1, 2], [1, 1, 4], (N, 3)),
         log_scales=np.full((N, 3), -2),
         quats=rng.normal(size=(N, 4)),
         logit_opacities=np.zeros(N),
         sh_coeffs=np.zeros((N, (sh_degree + 1) ** 2, 3)),
-        dog_index=index,
-        dog_logit_opacities=np.zeros(len(index)),
-        dog_log_scales=np.zeros((len(index), 3)),
-        slope_index=sloped,
-        color_slopes=np.zeros((len(sloped), 3, 3)),
-        curvature_index=curved,
-        brightness_curvatures=np.zeros((len(curved), 6)),
-        cut_index=cut,
-        cut_normals=np.zeros((len(cut), 3)),
-        second_cut_index=cut_twice,
-        second_cut_normals=np.zeros((len(cut_twice), 3)),
-        shift_index=shifted,
-        view_shifts=np.zeros((len(shifted), 3, 3)),
-        mean_views=np.zeros((len(shifted), 3)),
+        **rows,
+        **{group.index: np.arange(N) for group in groups},
     )
     return splats, DeviceCamera.upload(Camera(np.eye(4), SIZE, SIZE, SIZE / 2, SIZE / 2, SIZE, SIZE))

@@ -1,4 +1,4 @@
-"""Moving a model on the device: differentiable with respect to the transform. ``transform.py`` is its twin on the host.
+"""Moving a model on the device: differentiable by the transform. ``scene/transform.py`` is its twin on the host.
 
 The colours turn with the model: its spherical harmonics are rotated band by band. The matrix that does so is solved
 from samples: each band is a space of functions that is closed under rotations and reflections, so matching as many
@@ -16,7 +16,7 @@ import numpy as np
 
 from ..scene.row_groups import REVERSED, SH
 from ..scene.sh_basis import sh_basis, sh_basis_table
-from .sh import read_rows
+from .rows import read_rows
 from .sh_groups import ROW_COEFFICIENTS
 
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from .project import DeviceCamera, rotation_matrix, rows
-from .sh import read_rows
+from .device_camera import DeviceCamera
+from .project import rotation_matrix
+from .rows import read_rows, rows
 
 
 def normals(params: dict, camera: DeviceCamera) -> list:
@@ -24,8 +25,7 @@ def normals(params: dict, camera: DeviceCamera) -> list:
     """
     index, axis = dr.arange(mi.UInt32, dr.width(params["logit_opacities"])), shortest_axes(params)
     if camera.perspective:
-        offset = zip(rows(dr.detach(params["means"]), 3, index), camera.position, camera.position_rest, strict=True)
-        direction = [(mean - position) - rest for mean, position, rest in offset]
+        direction = camera.anonymous().offset(rows(dr.detach(params["means"]), 3, index))
     else:
         direction = camera.rotation[2]
     x, y, z = (d * dr.detach(n) for d, n in zip(direction, axis, strict=True))

@@ -8,23 +8,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..scene.row_groups import BESIDE_COLORS, CURVATURES, DOG, GROUPS, PLANES, SH, SHIFTS, SLOPES
+from ..scene.row_groups import BESIDE_COLORS, DOG, GROUPS, SH
 from ..scene.sh_basis import sh_degree_of
 from ..scene.splats import DENSE, Splats
 from .project import NO_ROW
-from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows
+from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows, sh_columns
 
 RAW = DENSE
 RAW_DOG = DOG.names
-RAW_SLOPES = SLOPES.names
-RAW_CURVATURES = CURVATURES.names
-RAW_CUTS = tuple(name for group in PLANES for name in group.names)
-RAW_OWN_AXES = RAW_SLOPES + RAW_CURVATURES + RAW_CUTS
-RAW_SHIFTS = SHIFTS.names
-ROWS = {group.index: group.row for group in BESIDE_COLORS}
-"""Index of a group to the name of its inverse [N], ``rows_of_splats``, where kernels ask for the row of a primitive."""
-
-
+RAW_OF_GROUPS = tuple(name for group in BESIDE_COLORS for name in group.names)
 ALIGNMENT = 64  # bytes; Dr.Jit compiles another kernel for memory that is less aligned
 
 
@@ -60,7 +52,7 @@ def upload(splats: Splats) -> dict:
         if len(index):
             params |= {name: device_array(getattr(splats, name)) for name in group.names}
             params[group.index] = device_array(index, mi.UInt32)
-            params[ROWS[group.index]] = rows_of_splats(index, splats.n_splats)
+            params[group.row] = rows_of_splats(index, splats.n_splats)
     for group in SH.values():
         index, (name,) = getattr(splats, group.index), group.names
         if len(index):
@@ -95,7 +87,7 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
     if any(has_groups(p) for p in parts):
         parts = [p if has_groups(p) else _grouped(p, n, k) for p, n, k in of_parts]
     else:
-        parts = [p | {"sh_coeffs": _sh_columns(p["sh_coeffs"], n, k, 0, size)} for p, n, k in of_parts]
+        parts = [p | {"sh_coeffs": sh_columns(p["sh_coeffs"], n, k, 0, size)} for p, n, k in of_parts]
     joined: dict = {name: dr.concat([p[name] for p in parts]) for name in RAW}
     first_rows = np.cumsum([0, *counts[:-1]])
     for group in GROUPS:
@@ -104,27 +96,17 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
             joined |= {name: dr.concat([p[name] for p, _ in having]) for name in group.names}
             index = np.concatenate([p[group.index].numpy() + first for p, first in having])
             joined[group.index] = device_array(index, mi.UInt32)
-            if group.index in ROWS:
-                joined[ROWS[group.index]] = rows_of_splats(index, sum(counts))
+            if group in BESIDE_COLORS:
+                joined[group.row] = rows_of_splats(index, sum(counts))
     return joined, size
 
 
 def _grouped(params: dict, n: int, size: int) -> dict:
     """A uniform model of ``n`` primitives as a mixed one, in which they are all in the group of its degree."""
     coeffs = params["sh_coeffs"]
-    grouped = params | {"sh_coeffs": _sh_columns(coeffs, n, size, 0, 1)}
+    grouped = params | {"sh_coeffs": sh_columns(coeffs, n, size, 0, 1)}
     if size > 1:
         degree = sh_degree_of(size)
         grouped[SH[degree].index] = dr.arange(mi.UInt32, n)
-        grouped[SH[degree].names[0]] = _sh_columns(coeffs, n, size, 1, 1 + ROW_COEFFICIENTS[degree])
+        grouped[SH[degree].names[0]] = sh_columns(coeffs, n, size, 1, 1 + ROW_COEFFICIENTS[degree])
     return grouped
-
-
-def _sh_columns(coeffs: mi.Float, n: int, stored: int, start: int, stop: int) -> mi.Float:
-    """Coefficients ``start`` to ``stop`` - 1 of [n, stored, 3]; zeros beyond those."""
-    if (start, stop) == (0, stored):
-        return coeffs
-    size = 3 * (stop - start)
-    i = dr.arange(mi.UInt32, n * size)
-    row, column = i // size, i % size + 3 * start
-    return dr.gather(mi.Float, coeffs, dr.fma(row, stored * 3, column), column < stored * 3)

@@ -16,28 +16,29 @@ with the square of their length in pixels, not with the length.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 
-from ..scene.row_groups import OWN_AXES, PLANES, SHIFTS
-from .curvatures import ROW as CURVATURE_ROW
+from ..scene.row_groups import CURVATURES, OWN_AXES, PLANES, SHIFTS, SLOPES, RowGroup
 from .curvatures import curvatures_on_screen
 from .cuts import COLUMNS as CUT_COLUMNS
-from .cuts import ROW as CUT_ROW
-from .cuts import cut_on_screen
+from .cuts import by_plane, cut_on_screen
 from .device_camera import DeviceCamera
 from .own_axes import own_axes_per_pixel
-from .sh import evaluate_sh, read_rows, unit
+from .rows import read_rows, rows
+from .sh import evaluate_sh, unit
 from .sh_groups import evaluate_groups, has_groups
 from .shifts import ROW as SHIFT_ROW
 from .shifts import VIEW_ROW, shift
-from .slopes import ROW as SLOPE_ROW
 from .slopes import slopes_on_screen
 
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
 LOG2_E = 1.4426950408889634
+MIN_ANTIALIAS_RATIO = 2.5e-5  # of determinants without and with the low-pass filter, as in Mip-Splatting's code
 MAX_AXIS = 1e8  # px; a longer axis of a kernel is cut to this, which changes no pixel and keeps squares in range
 MAX_DET = 2.0**62  # px⁴; the inverse square of a larger determinant is no float, and derivatives need it
 NO_ROW = 0xFFFFFFFF  # row of a primitive that is not in a group: is no DoG, has no slopes, or no cut
@@ -81,15 +82,6 @@ class Projection:
     def planes(self) -> int:
         """How many may cut a primitive off."""
         return len(self.cuts or []) // CUT_COLUMNS
-
-
-def rows(array: mi.Float, count: int, index: mi.UInt32, active=True) -> list[mi.Float]:
-    """Row ``index`` of a row-major [*, count] array, as ``count`` arrays. Each row may be read by one lane only."""
-    own = array * 1  # the adjoint of Permute overwrites the gradient of its source: of this variable, not the caller's
-    return [
-        dr.gather(mi.Float, own, dr.fma(index, count, k), active, mode=dr.ReduceMode.Permute)
-        for k in range(count)
-    ]
 
 
 def rotation_matrix(q: list[mi.Float]) -> list[list[mi.Float]]:
@@ -152,7 +144,7 @@ def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
     raw_det = m0 * m0 + m1 * m1 + m2 * m2
     det = raw_det + LOW_PASS * (raw_xx + raw_yy) + LOW_PASS * LOW_PASS
     if antialiased:
-        factor = 0.5 * dr.log2(dr.maximum(2.5e-5, raw_det / det))
+        factor = 0.5 * dr.log2(dr.maximum(MIN_ANTIALIAS_RATIO, raw_det / det))
         # of larger ones the ratio is above .999, and has next to no derivative
         log2_opacity = log2_opacity + dr.select(det < MAX_DET, factor, dr.detach(factor))
     xx, yy = raw_xx + LOW_PASS, raw_yy + LOW_PASS
@@ -225,6 +217,22 @@ def _shifted(params: dict, offset: list, direction: list, R: list, scales: list)
     return [of_axis + more for of_axis, more in zip(offset, moved, strict=True)]
 
 
+def _varying(params: dict, axes: list, scales: list) -> tuple[list | None, list | None, list | None]:
+    """(slopes, curvatures, cuts) as ``Projection`` has them, None in a model without."""
+    if not any(group.index in params for group in OWN_AXES):
+        return None, None, None
+    per_pixel = own_axes_per_pixel(axes, scales, _in_range(axes, scales), LOW_PASS)
+
+    def on_screen(group: RowGroup, convert: Callable[[list, list[tuple]], list]) -> list:
+        ((name, shape),), row = group.arrays.items(), params[group.row]
+        return convert(rows(params[name], math.prod(shape), row, row != NO_ROW), per_pixel)
+
+    slopes = on_screen(SLOPES, slopes_on_screen) if SLOPES.index in params else None
+    curvatures = on_screen(CURVATURES, curvatures_on_screen) if CURVATURES.index in params else None
+    cuts = [column for plane in PLANES if plane.index in params for column in on_screen(plane, cut_on_screen)]
+    return slopes, curvatures, cuts or None
+
+
 def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
     """Project N primitives; differentiable with respect to every parameter.
 
@@ -232,14 +240,10 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     opacities of ±∞ are opacities of 0 and 1).
 
     Args:
-        params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape;
-            ``dog_row`` [N] and ``dog_index`` [M] are present when a primitive is DoG, ``slope_row`` [N] and
-            ``color_slopes`` [S, 3, 3] when the colour of one varies over it, ``curvature_row`` [N] and
-            ``brightness_curvatures`` [B, 6] when the brightness of one curves over it, ``cut_row`` [N] and
-            ``cut_normals`` [C, 3] when a plane cuts one off, ``second_cut_row`` and ``second_cut_normals`` when a
-            second one does, ``shift_row`` [N], ``view_shifts`` [V, 3, 3] and ``mean_views`` [V, 3] when the place of
-            one depends on the view, groups of SH degrees where primitives have degrees of their own (see
-            ``evaluate_groups``).
+        params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape.
+            Arrays of a group (``scene/row_groups.py`` has their names and shapes) are there when a primitive is in it,
+            with its index [M] and the inverse of that, as ``dog_row`` [N] (``parameters.upload``). Groups of SH degrees
+            are there where primitives have degrees of their own (``evaluate_groups``).
         camera: the view.
         sh_degree: highest degree evaluated (at most the degree stored).
         antialiased: scale opacities by the area that the low-pass filter adds (Mip-Splatting's 2D filter).
@@ -276,22 +280,9 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
 
     radiance = _radiance(params, camera, direction, index, visible, sh_degree)
     visible &= all_finite(radiance)
-    colors, slopes, curvatures, cuts = [dr.maximum(value, 0) for value in radiance], None, None, None
-    planes = [group for group in PLANES if group.index in params]
-    if any(group.index in params for group in OWN_AXES):
-        per_pixel = own_axes_per_pixel(axes, scales, _in_range(axes, scales), LOW_PASS)
-        if "color_slopes" in params:
-            row = params["slope_row"]
-            slopes = slopes_on_screen(rows(params["color_slopes"], SLOPE_ROW, row, row != NO_ROW), per_pixel)
-            visible &= all_finite(slopes)
-        if "brightness_curvatures" in params:
-            row = params["curvature_row"]
-            of_splats = rows(params["brightness_curvatures"], CURVATURE_ROW, row, row != NO_ROW)
-            curvatures = curvatures_on_screen(of_splats, per_pixel)
-            visible &= all_finite(curvatures)
-        for group in planes:
-            row, (normals,) = params[group.row], group.names
-            cut = cut_on_screen(rows(params[normals], CUT_ROW, row, row != NO_ROW), per_pixel)
-            visible &= all_finite(cut)
-            cuts = [*(cuts or []), *cut]
+    colors = [dr.maximum(value, 0) for value in radiance]
+    slopes, curvatures, cuts = _varying(params, axes, scales)
+    for columns in (slopes, curvatures, *by_plane(cuts or [])):
+        if columns:
+            visible &= all_finite(columns)
     return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index, slopes, curvatures, cuts)

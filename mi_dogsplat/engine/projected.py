@@ -33,8 +33,7 @@ def replayed(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased:
     nudge = {f"{NUDGE}{k}": value for k, value in enumerate(camera.nudge.values)} if camera.nudge else {}
     arrays = params | nudge
     attached = {name: value for name, value in arrays.items() if dr.grad_enabled(value)}
-    detached = {name: dr.detach(value) for name, value in arrays.items()}
-    given = _Given(detached, camera.anonymous(), sh_degree, antialiased)
+    given = _Given(dr.detach(arrays), camera.anonymous(), sh_degree, antialiased)
     found = _values(given)
     if attached:
         found = _attached(found, dr.custom(_Project, _Fixed(given, tuple(attached), found), list(attached.values())))

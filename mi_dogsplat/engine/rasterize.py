@@ -14,11 +14,12 @@ import mitsuba as mi
 
 from .arrays import detached
 from .bands import PreparedView, WalkableView
+from .device_camera import DeviceCamera
 from .drjit_internals import held
 from .geometry import Blocks, Grid
 from .normals import normals
 from .options import RasterOptions, Settings
-from .project import DeviceCamera, Projection
+from .project import Projection
 from .projected import projected
 from .tiles import TileLists
 from .view import arrange
@@ -116,8 +117,9 @@ def rasterize(
         options: specialisation of the kernels.
         probe: two [N] arrays of zeros that are added to the projected centres; their gradient is that of the
             centres in pixels (the densification statistic).
+        last: keeps the stages of this call.
+        recall: take those that ``last`` has kept instead, if they are of the same inputs.
         stop_depth: [H*W], a primitive whose centre is deeper than this is not blended into a pixel (no derivative).
-        last: keeps the stages of this call, or, with ``recall``, may provide those of the call before.
     """
     n_pixels = camera.width * camera.height
     if dr.width(params["logit_opacities"]) == 0 or n_pixels == 0:

@@ -6,12 +6,11 @@ but it rounds otherwise: models would no longer train to the bits they have.
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
 from ..scene.sh_basis import sh_basis
+from .rows import read_rows
 
 
 def unit(direction: list) -> list:
@@ -56,17 +55,3 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
             color = dr.fma(b, coefficients[3 * k + channel], color)
         colors.append(color)
     return colors
-
-
-def read_rows(array: mi.Float, stride: int, count: int, index: mi.UInt32, active: Any = True) -> list:
-    """The first ``count`` columns of row ``index`` of a row-major [*, stride] array; a row is read by one lane only.
-
-    Rows of a multiple of four floats are read, and in reverse mode written, four at a time: 3.5 times faster.
-    """
-    mode = dr.ReduceMode.NoConflicts
-    if stride % 4:
-        return [dr.gather(mi.Float, array, dr.fma(index, stride, k), active, mode=mode) for k in range(count)]
-    values = []
-    for k in range(-(-count // 4)):
-        values += list(dr.gather(mi.Vector4f, array, dr.fma(index, stride // 4, k), active, mode=mode))
-    return values[:count]

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..scene.row_groups import SH
 from .device_camera import DeviceCamera
-from .sh import read_rows, unit_basis
+from .rows import read_rows
+from .sh import unit_basis
 
 ROW_COEFFICIENTS = {1: 4, 2: 8, 3: 16}
 """Coefficients in a row on the device, by degree of its group."""
@@ -36,9 +37,27 @@ def padded_on_device(coefficients: mi.Float, degree: int) -> mi.Float:
     return dr.gather(mi.Float, coefficients, dr.fma(row, stored, column), column < stored, mode=mode)
 
 
+def sh_columns(coeffs: mi.Float, n: int, stored: int, start: int, stop: int) -> mi.Float:
+    """Coefficients ``start`` to ``stop`` - 1 of [n, stored, 3], flat; zeros beyond those. Differentiable."""
+    if (start, stop) == (0, stored):
+        return coeffs
+    size = 3 * (stop - start)
+    i = dr.arange(mi.UInt32, n * size)
+    row, column = i // size, i % size + 3 * start
+    mode = dr.ReduceMode.NoConflicts
+    return dr.gather(mi.Float, coeffs, dr.fma(row, stored * 3, column), column < stored * 3, mode=mode)
+
+
 def has_groups(params: dict) -> bool:
     """Whether primitives have SH degrees of their own."""
     return any(group.index in params for group in SH.values())
+
+
+def require_group(params: dict, degree: int) -> None:
+    """Raise ``ValueError`` if no group of a mixed model has that degree, or a higher one."""
+    highest = max(of_group for of_group, group in SH.items() if group.index in params)
+    if highest < degree:
+        raise ValueError(f"SH degree {degree} needs a group of it, the highest one is of degree {highest}")
 
 
 def evaluate_groups(params: dict, camera: DeviceCamera, degree: int) -> list:
@@ -51,9 +70,7 @@ def evaluate_groups(params: dict, camera: DeviceCamera, degree: int) -> list:
 
     Raises ``ValueError`` if no group has that degree.
     """
-    highest = max(of_group for of_group, group in SH.items() if group.index in params)
-    if highest < degree:
-        raise ValueError(f"SH degree {degree} needs a group of it, the highest one is of degree {highest}")
+    require_group(params, degree)
     n = dr.width(params["logit_opacities"])
     means = params["means"] * 1  # adjoints of groups add up apart from those of the projection, which need no wait
     rows = dr.zeros(mi.Float, 4 * n)  # of three channels and nothing, which are stored and loaded at once

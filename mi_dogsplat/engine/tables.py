@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from typing import Any
 
 import drjit as dr
@@ -48,9 +49,9 @@ class SplatRow:
 def parts_of(columns: list, settings: Settings) -> tuple[list, list, list, list]:
     """(features, slopes, curvatures, cuts) of a row, or what belongs to them: columns in this order."""
     sizes = settings.n_features, settings.slopes * SLOPE_COLUMNS, settings.curvatures * CURVATURE_COLUMNS
-    first = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
-    features, slopes, curvatures = (columns[a:b] for a, b in zip(first, first[1:], strict=False))
-    return features, slopes, curvatures, columns[first[-1] :]
+    ends = [0, *accumulate(sizes)]
+    features, slopes, curvatures = (columns[a:b] for a, b in pairwise(ends))
+    return features, slopes, curvatures, columns[ends[-1] :]
 
 
 @dataclass

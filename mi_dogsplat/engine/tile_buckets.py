@@ -55,7 +55,7 @@ def sort_into_buckets(footprints: Footprints, depth_bits: Any, grid: Grid, padde
         padded: ``masks`` gets a multiple of this as its length.
     """
     UInt = array_types().UInt
-    ends_of_depths = dr.zeros(UInt, 2)
+    ends_of_depths = dr.zeros(UInt, 2)  # of the nearest, flipped, so that it is a largest too, and of the farthest
     for k, bits in enumerate((~depth_bits, depth_bits)):
         seen = footprints.first < footprints.last
         dr.scatter_reduce(dr.ReduceOp.Max, ends_of_depths, bits, k, seen, mode=dr.ReduceMode.Local)

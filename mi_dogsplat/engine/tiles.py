@@ -64,20 +64,53 @@ def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
     A sort by depth and a counting sort by tile, which is few passes on the CPU.
     """
     types = array_types()
-    UInt, footprints, counts = types.UInt, isects.footprints, isects.counts
-    n_splats, n_isects = dr.width(counts), isects.total
-    n_tiles = dr.width(lanes.tile) // blocks.lanes_per_tile
+    UInt, n_isects = types.UInt, isects.total
+    n_splats, n_tiles = dr.width(isects.counts), dr.width(lanes.tile) // blocks.lanes_per_tile
     if n_isects == 0:
         return _no_lists(n_splats, n_tiles)
+    slot_begin, slot_end = _slots(isects)
+    tile_from_slot, splat_and_mask = _emitted(isects, slot_begin)
+    slot_from_isect = argsort_small(tile_from_slot, n_tiles)
+    tile = dr.gather(UInt, tile_from_slot, slot_from_isect)
+    i = dr.arange(UInt, n_isects)
+    count = dr.opaque(UInt, n_isects)  # a literal would compile a kernel per frame
+    dr.eval(tile, slot_from_isect)
+    before = dr.gather(UInt, tile, i - 1, i > 0)
+    after = dr.gather(UInt, tile, i + 1, i + 1 < count)
     begin, end = dr.zeros(UInt, n_tiles), dr.zeros(UInt, n_tiles)
+    dr.scatter(begin, i, tile, (i == 0) | (before != tile))
+    dr.scatter(end, i + 1, tile, (i + 1 == count) | (after != tile))
+    splat, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
+    splat_from_isect = dr.empty(UInt, n_isects)  # evaluated itself, it would keep what it is gathered from (Dr.Jit 1.5)
+    dr.scatter(splat_from_isect, splat, i, mode=dr.ReduceMode.Permute)
+    n_words = -(-n_isects // WORD)
+    masks = dr.empty(UInt, n_words * WORD)  # read some at once; what is behind the last isect is nobody's
+    dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
+    dog = None if isects.dog_row is None else _dog_tiles(isects.dog_row, tile, splat_from_isect, n_tiles)
+    dr.eval(begin, end, splat_from_isect, masks, dog)
+    words = dr.empty(UInt, (n_tiles + n_words) * blocks.lanes_per_tile)
+    first, last = (dr.gather(UInt, ends, lanes.tile) for ends in (begin, end))
+    transpose_masks(lanes, blocks, masks, first, last, words)
+    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_end, words, dog=dog)
 
+
+def _slots(isects: Isects) -> tuple:
+    """[N] first slot of each primitive, and the one behind its last: slots are given out in the order of depth."""
+    UInt, rank = array_types().UInt, isects.splat_from_rank
+    begin_from_rank = isects.ends - dr.gather(UInt, isects.counts, rank)
+    slot_begin, slot_end = dr.empty(UInt, dr.width(isects.counts)), dr.empty(UInt, dr.width(isects.counts))
+    dr.scatter(slot_begin, begin_from_rank, rank, mode=dr.ReduceMode.Permute)
+    dr.scatter(slot_end, isects.ends, rank, mode=dr.ReduceMode.Permute)
+    return slot_begin, slot_end
+
+
+def _emitted(isects: Isects, slot_begin: Any) -> tuple:
+    """(tile of each slot; pairs of its primitive and its mask of lanes)"""
+    types, footprints = array_types(), isects.footprints
+    UInt = types.UInt
     new = dr.zeros if isects.blank else dr.empty  # what is blank is in no lane of the first tile
-    tile_from_slot, splat_and_mask = new(UInt, n_isects), new(UInt, 2 * n_isects)
-    begin_from_rank = isects.ends - dr.gather(UInt, counts, isects.splat_from_rank)
-    splat = dr.arange(UInt, n_splats)
-    slot_begin, slot_end = dr.empty(UInt, n_splats), dr.empty(UInt, n_splats)
-    dr.scatter(slot_begin, begin_from_rank, isects.splat_from_rank, mode=dr.ReduceMode.Permute)
-    dr.scatter(slot_end, isects.ends, isects.splat_from_rank, mode=dr.ReduceMode.Permute)
+    tile_from_slot, splat_and_mask = new(UInt, isects.total), new(UInt, 2 * isects.total)
+    splat = dr.arange(UInt, dr.width(slot_begin))
 
     def emit_row(row, slot):
         first, last = footprints.columns(row)
@@ -93,28 +126,7 @@ def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
         return row + 1, slot
 
     while_loop((footprints.first, slot_begin), lambda row, slot: row < footprints.last, emit_row, "emit rows")
-
-    slot_from_isect = argsort_small(tile_from_slot, n_tiles)
-    tile = dr.gather(UInt, tile_from_slot, slot_from_isect)
-    i = dr.arange(UInt, n_isects)
-    count = dr.opaque(UInt, n_isects)  # a literal would compile a kernel per frame
-    dr.eval(tile, slot_from_isect)
-    before = dr.gather(UInt, tile, i - 1, i > 0)
-    after = dr.gather(UInt, tile, i + 1, i + 1 < count)
-    dr.scatter(begin, i, tile, (i == 0) | (before != tile))
-    dr.scatter(end, i + 1, tile, (i + 1 == count) | (after != tile))
-    splat, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
-    splat_from_isect = dr.empty(UInt, n_isects)  # evaluated itself, it would keep what it is gathered from (Dr.Jit 1.5)
-    dr.scatter(splat_from_isect, splat, i, mode=dr.ReduceMode.Permute)
-    n_words = -(-n_isects // WORD)
-    masks = dr.empty(UInt, n_words * WORD)  # read some at once; what is behind the last isect is nobody's
-    dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
-    dog = None if isects.dog_row is None else _dog_tiles(isects.dog_row, tile, splat_from_isect, n_tiles)
-    dr.eval(begin, end, splat_from_isect, masks, dog)
-    words = dr.empty(UInt, (n_tiles + n_words) * blocks.lanes_per_tile)
-    first, last = (dr.gather(UInt, ends, lanes.tile) for ends in (begin, end))
-    transpose_masks(lanes, blocks, masks, first, last, words)
-    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_end, words, dog=dog)
+    return tile_from_slot, splat_and_mask
 
 
 def _dog_tiles(dog_row: Any, tile_from_isect: Any, splat_from_isect: Any, n_tiles: int) -> Any:

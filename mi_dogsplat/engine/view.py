@@ -8,9 +8,10 @@ import drjit as dr
 
 from .arrays import detached
 from .bands import PreparedView, WalkableView, listed
+from .device_camera import DeviceCamera
 from .geometry import Blocks, Grid
 from .options import RasterOptions, Settings
-from .project import DeviceCamera, Projection
+from .project import Projection
 from .projected import projected
 from .tables import pack
 

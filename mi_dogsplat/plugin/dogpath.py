@@ -49,7 +49,7 @@ class LatestTracer:
         self, params: dict, options: TraceOptions, linear: bool, forward: bool
     ) -> tuple[SplatTracer, SplatLamps | None]:
         """The same with derivatives by ``params``: their values alone say what the tree is."""
-        tracer, _ = self.of({name: dr.detach(value) for name, value in params.items()}, options, linear)
+        tracer, _ = self.of(dr.detach(params), options, linear)
         return (tracer.with_tangents_of if forward else tracer.attached_to)(params), lamps_of(params, linear)
 
 

@@ -91,20 +91,14 @@ def _unit(quats: np.ndarray) -> np.ndarray:
 
 
 def _report(splats: Splats, n_hidden: int, linear: bool) -> None:
+    """Warn of what the ellipsoids of ``splats`` have not, and of colours that need a setting."""
     log: Any = mi.Log
     if linear:
         log(mi.LogLevel.Warn, "to_ellipsoids: its colours are linear radiance; set srgb_primitives to false")
-    left_out = []
-    if splats.n_dog:
-        left_out.append(f"the negative part of {counted(splats.n_dog, 'DoG primitive')}")
-    if splats.n_slopes:
-        left_out.append(f"the slopes of {counted(splats.n_slopes, 'primitive')}")
-    if splats.n_curvatures:
-        left_out.append(f"the curvatures of {counted(splats.n_curvatures, 'primitive')}")
-    if n_cut := splats.is_cut.sum():
-        left_out.append(f"the cuts of {counted(n_cut, 'primitive')}")
-    if splats.n_shifts:
-        left_out.append(f"the shifts of {counted(splats.n_shifts, 'primitive')}")
+    parts = {"slopes": splats.n_slopes, "curvatures": splats.n_curvatures}
+    parts |= {"cuts": int(splats.is_cut.sum()), "shifts": splats.n_shifts}
+    left_out = [f"the negative part of {counted(splats.n_dog, 'DoG primitive')}"] if splats.n_dog else []
+    left_out += [f"the {part} of {counted(n, 'primitive')}" for part, n in parts.items() if n]
     if n_hidden:
         left_out.append(f"{n_hidden} of {splats.n_splats} primitives that are fainter than 1/255 or not finite")
     if left_out:

@@ -27,7 +27,7 @@ from mitsuba.python.ad.integrators.common import mis_weight
 from ..tracing.tracer import SplatTracer
 from .replayed import Replay
 from .splat_lamps import SplatLamps
-from .transfer import emitted
+from .transfer import emitted, spectrum_of
 
 RR_MAX = 0.95  # the most that Russian roulette gives a path to go on, as in Mitsuba's own integrators
 STREAM = 0x9E3779B9  # between the seeds of two vertices
@@ -135,7 +135,7 @@ class LightPaths:
                 mis = dr.select(lanes.delta, 1, mis_weight(lanes.pdf, self.lamps.pdf(lanes.o, lanes.d)))
             with dr.resume_grad(when=attached):
                 colors, T = self.tracer.gather(ray)
-                Ls = β * dr.detach(mis) * _spectrum(emitted(list(colors), T, self.linear))
+                Ls = β * dr.detach(mis) * spectrum_of(emitted(list(colors), T, self.linear))
                 if attached:
                     L = L - dr.detach(Ls)
                     Lr_segment = L * _relative(T)
@@ -221,7 +221,7 @@ class LightPaths:
             value, pdf_bsdf = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(d), active)
             colors, T = self.tracer.gather(ray, active)
             weight = dr.detach(mis_weight(pdf, pdf_bsdf)) * dr.select(active, dr.rcp(pdf), 0)
-            return dr.select(active, β * weight * value * _spectrum(emitted(list(colors), T, self.linear)), 0)
+            return dr.select(active, β * weight * value * spectrum_of(emitted(list(colors), T, self.linear)), 0)
 
     def _random(self, sample: Any, depth: int) -> Any:
         """Numbers of their own for each sample at a vertex."""
@@ -239,8 +239,3 @@ def _relative(value: Any) -> Any:
     """value / detached value, 1 with the derivative of its logarithm; 0 where the value is."""
     at = dr.detach(value)
     return value * dr.select(at != 0, dr.rcp(at), 0)
-
-
-def _spectrum(colors: list) -> Any:
-    """Three channels as those of the variant."""
-    return mi.luminance(mi.Color3f(colors)) if mi.is_monochromatic else mi.Spectrum(colors)

@@ -13,6 +13,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from .transfer import three_channels
+
 
 @dataclass
 class Replay:
@@ -66,7 +68,7 @@ def radiance(trace: Callable[[dict, Replay | None], Any], params: dict, derivati
     if derivative:
         dr.enable_grad(always)
     channels: Any = dr.custom(_Paths, _Fixed(trace, params, names), [params[name] for name in names], always)
-    return list(channels) * (3 if len(channels) == 1 else 1)
+    return three_channels(channels)
 
 
 class _Fixed:

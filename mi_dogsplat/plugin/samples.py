@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+CENTERINGS = 8  # moving all to the middle pushes some against the border, and the mean off again, a little less
 # Multiples of such numbers cover the unit interval evenly, and pairs of them the unit square: the first two are best
 # for a square (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences"), the other two nearly so.
-CENTERINGS = 8  # moving all to the middle pushes some against the border, and the mean off again, a little less
 STEPS = (0.7548776662466927, 0.5698402909980532, 3 ** (1 / 3) % 1, 9 ** (1 / 3) % 1)
 
 

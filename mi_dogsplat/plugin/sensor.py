@@ -13,8 +13,8 @@ from typing import Any, cast
 import drjit as dr
 import mitsuba as mi
 
+from ..engine.device_camera import DeviceCamera
 from ..engine.drjit_internals import held, variable_indices
-from ..engine.project import DeviceCamera
 from ..scene.mitsuba_cameras import (
     central_camera_from_mitsuba,
     far_clip_from_mitsuba,
@@ -174,7 +174,6 @@ def _attached(camera: DeviceCamera, parameters: dict[str, Any], film_size: mi.Sc
     if not dr.grad_enabled(parameters):
         return camera
     to_world, (film_width, film_height) = parameters["to_world"].matrix, film_size
-    names = [n for n in ("x_fov", "principal_point_offset_x", "principal_point_offset_y") if n in parameters]
 
     def follow(value, expression):
         return value + (expression - dr.detach(expression))
@@ -185,7 +184,7 @@ def _attached(camera: DeviceCamera, parameters: dict[str, Any], film_size: mi.Sc
     if camera.perspective:
         focal = 0.5 * film_width / dr.tan(dr.deg2rad(0.5 * parameters["x_fov"]))
         fx, fy = follow(fx, focal), follow(fy, focal)
-        if "principal_point_offset_x" in names:
+        if "principal_point_offset_x" in parameters:
             cx = follow(cx, -film_width * parameters["principal_point_offset_x"])
             cy = follow(cy, -film_height * parameters["principal_point_offset_y"])
         left, right, top, bottom = limits  # each (±centre + a number of pixels) / focal length

@@ -27,10 +27,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..engine.device_camera import DeviceCamera
 from ..engine.drjit_internals import held, variable_indices
 from ..engine.normals import normals, shortest_axes
-from ..engine.project import DeviceCamera, rows
+from ..engine.rows import rows
 from .samples import STEPS
+from .transfer import three_channels
 
 SEED = 0  # of all random numbers: every pass, frame and derivative sees the same ratios
 OF_SPLATS = "means", "log_scales", "quats", "to_world"  # parameters of primitives that ratios depend on
@@ -95,7 +97,7 @@ def estimated(scene: Any, params: dict, max_depth: int, samples: int) -> ShadowR
         samples: per primitive, of emitters, and of what surfaces reflect to each side.
     """
     with dr.suspend_grad():
-        params = {name: dr.detach(value) for name, value in params.items()}
+        params = dr.detach(params)
         n = dr.width(params["logit_opacities"])
         center = mi.Point3f(rows(params["means"], 3, dr.arange(mi.UInt32, n)))
         axis = mi.Vector3f(shortest_axes(params))
@@ -142,8 +144,7 @@ class _Side:
 
     def ratio(self) -> list:
         """E / E0, at most 1; 1 where no light could arrive."""
-        channels = list(dr.select(self.E0 > 0, dr.minimum(self.E / dr.select(self.E0 > 0, self.E0, 1), 1), 1))
-        return channels * (3 if len(channels) == 1 else 1)
+        return three_channels(dr.select(self.E0 > 0, dr.minimum(self.E / dr.select(self.E0 > 0, self.E0, 1), 1), 1))
 
 
 def _bounces(max_depth: int) -> Any:

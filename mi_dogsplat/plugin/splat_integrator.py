@@ -11,8 +11,9 @@ from mitsuba.python.ad.integrators.common import ADIntegrator
 
 from ..engine import aovs
 from ..engine.arrays import backward
+from ..engine.options import RasterOptions
 from ..engine.parameters import concatenate
-from ..engine.rasterize import Frame, LastFrame, RasterOptions, rasterize
+from ..engine.rasterize import Frame, LastFrame, rasterize
 from ..scene.drawing import Drawing, DrawnAs
 from ..scene.sh_basis import sh_degree_of
 from ..shape_dog import DogShape
@@ -105,19 +106,20 @@ class SplatIntegrator(ADIntegrator):
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
         sensor = _sensor(scene, sensor)
-        passes, film = self._passes(scene, sensor, seed, spp), sensor.film()
+        passes = self._passes(scene, sensor, seed, spp)
         with dr.resume_grad():
             if len(passes) == 1:
                 image = self.developed(scene, sensor, seed, spp, derivative=True)
                 backward([image], [grad_in])
             else:
-                self._backward_by_passes(scene, sensor, passes, film, grad_in)
+                self._backward_by_passes(scene, sensor, passes, grad_in)
         dr.eval()
 
     # --- passes ---
 
-    def _backward_by_passes(self, scene, sensor, passes: list[Sample], film: mi.Film, grad_in) -> None:
+    def _backward_by_passes(self, scene, sensor, passes: list[Sample], grad_in) -> None:
         """One pass after the other, so that memory does not grow with their number: their mean is linear in them."""
+        film = sensor.film()
         spreader, pixels = Filter(film), dr.prod(film.crop_size())
         n_planes = 3 + has_alpha(film) + len(self.aov_names())
         planes = [dr.zeros(mi.Float, pixels) for _ in range(n_planes)]
@@ -191,6 +193,7 @@ class SplatIntegrator(ADIntegrator):
     def _planes(
         self, scene: mi.Scene, model: SplattedModel, film: mi.Film, view_pass: ViewPass, derivative: bool, alone: bool
     ) -> list[mi.Float]:
+        """Planes of a view; ``alone``: there is no other one in the pass, so that its stages are the latest."""
         params, drawn_as = self.shown_params(scene, model, view_pass), model.drawn_as
         options = RasterOptions(
             sh_degree=model.sh_degree,
@@ -198,12 +201,7 @@ class SplatIntegrator(ADIntegrator):
             negative_transmittance=self.negative_transmittance,
         )
         drawn = Drawn(scene, view_pass, params, aovs.options_for(self.aovs, options), drawn_as.linear, derivative)
-        seen = None
-        if self.sees_surfaces(scene):
-            lamps = self.masks.lamps if self.masks else surfaces.emits
-            passed = lamps if self.hidden_lights() else None
-            passed = self.masks.passed(passed) if self.masks else passed
-            seen = surfaces.meet(scene, view_pass, normal="normal" in self.aovs, passed=passed)
+        seen = self._surfaces(scene, view_pass)
         last = None if seen else self._last  # it does not know depths from before
         stop_depth = seen.depth if seen else None
         if self.masks:
@@ -225,6 +223,15 @@ class SplatIntegrator(ADIntegrator):
         if seen and "median_depth.Z" in extra:
             extra["median_depth.Z"] = seen.median_depth(extra["median_depth.Z"])
         return [*colors, *alpha, *extra.values()]
+
+    def _surfaces(self, scene: mi.Scene, view_pass: ViewPass) -> Surfaces | None:
+        """What the rays of a pass meet, as the camera sees it; None where no surfaces are seen."""
+        if not self.sees_surfaces(scene):
+            return None
+        lamps = self.masks.lamps if self.masks else surfaces.emits
+        passed = lamps if self.hidden_lights() else None
+        passed = self.masks.passed(passed) if self.masks else passed
+        return surfaces.meet(scene, view_pass, normal="normal" in self.aovs, passed=passed)
 
     def hidden_lights(self) -> bool:
         """Whether rays of the camera pass through emitters that are shapes."""

@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.project import rows
+from ..engine.rows import rows
 from ..scene.curvatures import mean_brightness
 from ..scene.row_groups import CURVATURES
 from ..scene.sh_basis import C0

@@ -12,6 +12,7 @@ import mitsuba as mi
 from ..engine.arrays import while_loop
 from ..engine.rasterize import Frame
 from .sensor import ViewPass
+from .transfer import three_channels
 
 
 @dataclass
@@ -63,8 +64,7 @@ def meet(
         meeting = scene.ray_intersect_preliminary(mi.Ray3f(ray), coherent=True)
         hit = meeting.is_valid()
         axis, point = camera.rotation[2], ray.o + ray.d * meeting.t
-        offset = zip(point, camera.position, camera.position_rest, strict=True)
-        z = [a * ((p - c) - rest) for a, (p, c, rest) in zip(axis, offset, strict=True)]
+        z = [a * of_axis for a, of_axis in zip(axis, camera.offset(point), strict=True)]
         depth = dr.select(hit, z[0] + z[1] + z[2], dr.inf)
         facing = mi.Normal3f(0)
         if normal:
@@ -84,8 +84,7 @@ def radiance(nested: Any, scene: Any, seen: Surfaces) -> list[mi.Float]:
             spectrum = nested.sample(mode=dr.ADMode.Primal, scene=scene, sampler=sampler, ray=seen.ray, **state)[0]
         else:
             spectrum = nested.sample(scene, sampler, seen.ray, seen.medium)[0]
-        channels = list(spectrum)
-        colors = [dr.select(seen.hit, c, 0) for c in (channels * 3 if len(channels) == 1 else channels)]
+        colors = [dr.select(seen.hit, c, 0) for c in three_channels(spectrum)]
         dr.eval(colors)
         return colors
 

@@ -1,6 +1,7 @@
-"""The sRGB curve of the plugins, in both directions and differentiable; ``support/srgb.py`` is its twin.
+"""Colours of primitives as light, and light as Mitsuba's variant has it; the sRGB curve in both directions.
 
-``emitted``: what blended primitives add to light that passes them.
+The curve is differentiable; ``support/srgb.py`` is its twin. ``emitted``: what blended primitives add to light that
+passes them.
 
 Mitsuba's own (``mi.math``) is a fast approximation made for 0..1: a radiance of 100 loses 6 % on its way there and
 back, one of 1000 three quarters. Brighter pixels take the formula: on the CPU in a branch, which packets without one
@@ -9,6 +10,8 @@ The curve of ``engine/srgb.py`` takes three times as long within 0..1, and nine 
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -25,6 +28,17 @@ def srgb_to_linear(colors: list[mi.Float]) -> list[mi.Float]:
 def linear_to_srgb(colors: list[mi.Float]) -> list[mi.Float]:
     """The inverse of ``srgb_to_linear``."""
     return _by_brightness(colors, mi.math.linear_to_srgb, lambda v: dr.fma(1 + OFFSET, dr.power(v, 1 / POWER), -OFFSET))
+
+
+def three_channels(spectrum: Any) -> list[mi.Float]:
+    """Channels of a spectrum, in variants with one channel three times the same."""
+    channels = list(spectrum)
+    return channels * 3 if len(channels) == 1 else channels
+
+
+def spectrum_of(colors: list[mi.Float]) -> Any:
+    """The other way: ``mi.Spectrum`` of three channels, in variants with one channel their luminance."""
+    return mi.luminance(mi.Color3f(colors)) if mi.is_monochromatic else mi.Spectrum(colors)
 
 
 def emitted(colors: list[mi.Float], T: mi.Float, linear: bool) -> list[mi.Float]:

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..engine.aovs import channel_names, channels, options_for
+from ..engine.device_camera import DeviceCamera
+from ..engine.options import RasterOptions
 from ..engine.parameters import upload
-from ..engine.project import DeviceCamera
-from ..engine.rasterize import RasterOptions, rasterize
+from ..engine.rasterize import rasterize
 from ..scene.appearance import photographed, radii_squared
 from ..scene.cameras import Camera
 from ..scene.splats import Splats
@@ -64,8 +65,8 @@ def render_picture(
     primitives hold linear radiance, which is blended as such, over ``background`` times ``white``, and shown as
     ``displayed`` has it.
     """
-    detached = {name: dr.detach(value) for name, value in params.items()}
-    frame = rasterize(detached, DeviceCamera.upload(camera, near_clip, film=film, perspective=perspective), options)
+    on_device = DeviceCamera.upload(camera, near_clip, film=film, perspective=perspective)
+    frame = rasterize(dr.detach(params), on_device, options)
     shape = (camera.height, camera.width)
     T = frame.T.numpy().reshape(shape)
     behind = background * white if linear else background

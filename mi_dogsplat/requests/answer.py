@@ -11,7 +11,7 @@ import numpy as np
 
 from ..engine.aovs import options_for
 from ..engine.device_camera import DeviceCamera
-from ..engine.rasterize import RasterOptions
+from ..engine.options import RasterOptions
 from ..render.picture import Picture, render_picture
 from ..scene.cameras import Camera
 from ..scene.sh_basis import sh_degree_of

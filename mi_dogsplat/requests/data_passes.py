@@ -11,8 +11,9 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.aovs import channels, options_for
+from ..engine.options import RasterOptions
 from ..engine.parameters import concatenate
-from ..engine.rasterize import Frame, RasterOptions, rasterize
+from ..engine.rasterize import Frame, rasterize
 from ..plugin.camera_masks import CameraMasks
 from ..plugin.samples import Sample, samples
 from ..plugin.sensor import SensorReader, ViewPass

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from ..datasets.dataset import View
 from ..datasets.masks import Masks
+from ..engine.options import RasterOptions
 from ..engine.parameters import upload
-from ..engine.rasterize import RasterOptions
 from ..measure.metrics import evaluate, flip, masked
 from ..render.picture import Picture, photograph, render_picture
 from ..report.run_folder import DOG_PROFILE

@@ -119,7 +119,7 @@ def bands(
     pairs = list(zip(*np.triu_indices(k), strict=True))
     if n == 0:
         return Bands(x, [np.zeros(0)] * len(pairs))
-    params = {name: dr.detach(value) for name, value in params.items()}
+    params = dr.detach(params)
     index = dr.arange(mi.UInt32, n)
     means = [dr.gather(mi.Float, params["means"], dr.fma(index, 3, axis)) for axis in range(3)]
     H = [dr.zeros(types.Float, n) for _ in pairs]

@@ -28,9 +28,9 @@ import drjit as dr
 import numpy as np
 
 from ..engine.arrays import array_types, detached
+from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import device_array
-from ..engine.project import DeviceCamera
 from ..engine.view import prepare_both
 from ..engine.walks.composite import composite_over
 from ..engine.walks.score import Sums, composite_score
@@ -59,7 +59,7 @@ class ScoreRule:
     """Which score, and its numbers. Raises ``ValueError`` for numbers that mean nothing."""
 
     kind: str = "spatio-spectral"
-    """(F = J), leave-one-out (D), leave-dog-out (P), leave-cut-out and leave-second-cut-out (Q), released, opacity"""
+    """Of ``KINDS``; F is J, of leave-one-out D, of leave-dog-out P, of leave-cut-out and leave-second-cut-out Q."""
     spatial_weight: float = 1.0  # λ_s
     spectral_weight: float = 1.0  # λ_f
     gamma_f: float = 1.0  # γ, of the spectral part
@@ -139,13 +139,13 @@ def energies(
     n, sums = dr.width(params["logit_opacities"]), rule.sums
     if n == 0:
         return np.zeros(0), np.zeros(0)
-    detached = {name: dr.detach(value) for name, value in params.items()}
+    params = dr.detach(params)
     rng = np.random.default_rng(seed)
     Double = array_types().Double
     spatial, spectral = dr.zeros(Double, n), dr.zeros(Double, n)
     for k, camera in enumerate(cameras):
         mask = counted(masks, k)
-        columns = [Double(column) for column in _view_sums(rule, detached, camera, options, background, rng, mask)]
+        columns = [Double(column) for column in _view_sums(rule, params, camera, options, background, rng, mask)]
         if sums.energy:
             spatial += columns.pop(0)
         if sums.gradient:

@@ -88,7 +88,7 @@ def _losses(
     change: Callable[[Projection], Any],
 ) -> np.ndarray:
     """[N] sums over the views of h times ``change``, the mean square of that of a colour."""
-    params = {name: dr.detach(value) for name, value in params.items()}
+    params = dr.detach(params)
     total = dr.zeros(array_types().Double, dr.width(params["logit_opacities"]))
     for view, camera in enumerate(cameras if len(total) else ()):
         h = composite_squared_weights(prepare(params, camera, options), counted(masks, view))

@@ -50,7 +50,7 @@ def toned(
         background: grey level behind the primitives.
         masks: of the views; None: all pixels count.
     """
-    params = {name: dr.detach(value) for name, value in params.items()}
+    params = dr.detach(params)
 
     def weight(view: int) -> np.ndarray:
         camera = cameras[view]

@@ -9,9 +9,9 @@ import drjit as dr
 import numpy as np
 
 from ..engine.arrays import detached
+from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import device_array
-from ..engine.project import DeviceCamera
 from ..engine.view import prepare
 from ..engine.walks.aovs import composite_aovs
 from ..engine.walks.weights import composite_weights
@@ -40,7 +40,7 @@ def weights(
         planes: e of each view, [H, W]; None: 1 everywhere.
     """
     n = dr.width(params["logit_opacities"])
-    params = {name: dr.detach(value) for name, value in params.items()}
+    params = dr.detach(params)
     sums = np.zeros((4, n))
     largest, dominates = np.zeros(n), np.zeros(n, bool)
     for k, camera in enumerate(cameras if n else []):

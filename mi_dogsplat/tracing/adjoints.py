@@ -18,12 +18,14 @@ import drjit as dr
 from ..engine.arrays import array_types, detached
 from ..engine.cuts import ROW as NORMAL
 from ..engine.cuts import by_plane
+from ..engine.geometry import MAX_ALPHA
+from ..engine.rows import read_row
 from ..scene.curvatures import ENTRIES
-from .kernels import MAX_ALPHA, Kernel, Meeting
+from .kernels import Kernel, Meeting
 from .own_axes import moved, pulled
 from .shifts import add_adjoints as add_to_shifts
 from .shifts import moved_by
-from .tree import CURVATURE_ROW, CUT_ROW, NONE, SHIFT_ROW, SLOPE_ROW, Tree, read_row, rows_of, table
+from .tree import CURVATURE_ROW, CUT_ROW, NONE, SHIFT_ROW, SLOPE_ROW, Tree, rows_of, table
 from .tree import PSEUDO_ROW as TREE_PSEUDO_ROW
 from .varying import add_adjoints, along, beyond_centre, by_point
 from .vectors import dot

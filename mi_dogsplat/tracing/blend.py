@@ -7,14 +7,14 @@ from typing import Any
 import drjit as dr
 
 from ..engine.arrays import array_types
+from ..engine.geometry import MAX_T
+from ..engine.rows import read_row
 from ..engine.sh import unit_basis
 from .kernels import Meeting
 from .options import TraceOptions
-from .tree import Tree, read_row
+from .tree import Tree
 from .varying import beyond_centre
 from .visits import Walk, visit_all, visit_in_order
-
-MAX_T = 2.0**30  # a walk stops before negative alphas take the transmittance above this
 
 
 def transmittance(walk: Walk) -> Any:

@@ -35,7 +35,7 @@ class Bounds:
 def bounds_of(primitives: Primitives, log2_range: float) -> Bounds:
     """log2_range: -log2 of the smallest kernel value that is looked at."""
     types = array_types()
-    columns, lo = [detached(c) for c in primitives.to_kernel], detached(primitives.lo)
+    lo = detached(primitives.lo)
     more: Any = None  # by which cuts raise lo
     for plane in primitives.planes:
         raised = dr.select(detached(plane.row) != NO_ROW, types.Float(LOG2_LARGEST), 0)
@@ -61,6 +61,14 @@ def bounds_of(primitives: Primitives, log2_range: float) -> Bounds:
         reach = [r * dr.rcp(dr.select(is_dog, dr.gather(types.Float, w, dog_row, is_dog), 1))
                  for r, w in zip(reach, weights, strict=True)]
 
+    low, high = _boxes(primitives, reach)
+    dr.eval(drawn, low, high)
+    return Bounds(drawn, low, high, weights)
+
+
+def _boxes(primitives: Primitives, reach: list) -> tuple[list, list]:
+    """Lowest and highest corner, three columns each, around ellipsoids of these squared radii in kernel space."""
+    columns = [detached(c) for c in primitives.to_kernel]
     low, high = [], []
     lengths = [columns[3 * k] ** 2 + columns[3 * k + 1] ** 2 + columns[3 * k + 2] ** 2 for k in range(3)]
     farthest = _farthest(primitives)
@@ -72,8 +80,7 @@ def bounds_of(primitives: Primitives, log2_range: float) -> Bounds:
         half = dr.fma(half, 1 + SLACK, 1e-6 * abs(centre))
         low.append(centre - half)
         high.append(centre + half)
-    dr.eval(drawn, low, high)
-    return Bounds(drawn, low, high, weights)
+    return low, high
 
 
 def _farthest(primitives: Primitives) -> list:

@@ -48,9 +48,7 @@ def transmittance_forward(walk: Walk, T: Any, tangents: Tangents) -> Any:
     return δ * T
 
 
-def gather_backward(
-    walk: Walk, colors: list, T: Any, δcolors: list, δT: Any
-) -> Adjoints:
+def gather_backward(walk: Walk, colors: list, T: Any, δcolors: list, δT: Any) -> Adjoints:
     """``colors``, ``T``: what the walk has found; ``δcolors``, ``δT``: their adjoints."""
     adjoints, basis, last = Adjoints(walk.tree), unit_basis(walk.ray.d, walk.options.sh_degree), δT * T
 
@@ -75,9 +73,7 @@ def gather_backward(
     return adjoints
 
 
-def gather_forward(
-    walk: Walk, tangents: Tangents
-) -> tuple[list, Any]:
+def gather_forward(walk: Walk, tangents: Tangents) -> tuple[list, Any]:
     """Tangents of (three channels, transmittance)."""
     basis = unit_basis(walk.ray.d, walk.options.sh_degree)
 

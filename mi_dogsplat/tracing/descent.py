@@ -13,8 +13,9 @@ from typing import Any
 import drjit as dr
 
 from ..engine.arrays import array_types
+from ..engine.rows import read_row
 from .kernels import Line
-from .tree import ROW, Tree, read_row
+from .tree import ROW, Tree
 
 SMALLEST_DIRECTION = 1e-18  # of the largest component: others are kept from 0, so that they can be divided by
 T_SLACK = 1e-5  # of where a ray enters and leaves a box, against rounding

@@ -20,18 +20,16 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import drjit as dr
-import numpy as np
 
 from ..engine.arrays import array_types
-from ..engine.geometry import Cutoffs
+from ..engine.geometry import MAX_ALPHA, Cutoffs
 from ..engine.project import NO_ROW
+from ..engine.rows import read_row
 from .own_axes import Cut, OwnPoint, read_own_axes
 from .shifts import Shift, moved_by, read_shift
-from .tree import PSEUDO_ROW, ROW, Tree, read_row
+from .tree import PSEUDO_ROW, ROW, Tree
 from .varying import Varying
 from .vectors import cross, dot
-
-MAX_ALPHA = float(np.float32(0.99))
 
 
 @dataclass

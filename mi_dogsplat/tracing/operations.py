@@ -25,7 +25,16 @@ class Query:
 
 
 class _OfPrimitives(dr.CustomOp):
-    """An operation on the columns of ``Primitives``."""
+    """An operation on the columns of ``Primitives``, for their derivatives alone: values come from the query."""
+
+    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list, curvatures: list, normals: list,
+             shifts: list):  # fmt: skip
+        self.query = query
+        return self.asked()
+
+    def asked(self) -> Any:
+        """What the rays find, which is kept for derivatives."""
+        raise NotImplementedError
 
     def tangents(self, query: Query) -> Tangents:
         of: Any = self.grad_in
@@ -41,10 +50,9 @@ class _OfPrimitives(dr.CustomOp):
 
 
 class _Transmittance(_OfPrimitives):
-    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list, curvatures: list, normals: list,
-             shifts: list):  # fmt: skip
-        self.query, self.T = query, transmittance(query.walk)
-        return query.rays.put(self.T, 1)
+    def asked(self) -> mi.Float:
+        self.T = transmittance(self.query.walk)
+        return self.query.rays.put(self.T, 1)
 
     def backward(self):
         δT = self.query.rays.taken(self.grad_out())
@@ -56,10 +64,10 @@ class _Transmittance(_OfPrimitives):
 
 
 class _Gather(_OfPrimitives):
-    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list, curvatures: list, normals: list,
-             shifts: list):  # fmt: skip
-        self.query, (self.colors, self.T) = query, gather(query.walk)
-        return [query.rays.put(c, 0) for c in self.colors], query.rays.put(self.T, 1)
+    def asked(self) -> tuple[list, mi.Float]:
+        rays = self.query.rays
+        self.colors, self.T = gather(self.query.walk)
+        return [rays.put(c, 0) for c in self.colors], rays.put(self.T, 1)
 
     def backward(self):
         rays, adjoints = self.query.rays, cast(Any, self.grad_out())

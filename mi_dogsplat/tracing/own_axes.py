@@ -22,8 +22,9 @@ import drjit as dr
 from ..engine.arrays import array_types
 from ..engine.cuts import END, LEVEL, WHOLE
 from ..engine.project import NO_ROW
+from ..engine.rows import read_row
 from .primitives import PER_DEVIATION
-from .tree import CUT_ROW, NONE, Tree, read_row
+from .tree import CUT_ROW, NONE, Tree
 from .varying import Row, Varying
 from .vectors import cross, dot
 
@@ -123,5 +124,5 @@ def moved(point: OwnPoint, inside: list, M: list, here: Any) -> list:
 
 
 def _inside(point: OwnPoint) -> list:
-    """y"""
+    """y, the point in kernel space."""
     return [PER_DEVIATION * w for w in point.w]

@@ -20,9 +20,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, rows, softplus
-from ..engine.sh import read_rows
-from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups
+from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, softplus
+from ..engine.rows import read_rows, rows
+from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups, require_group, sh_columns
 from ..engine.shifts import ROW as SHIFT_SIZE
 from ..engine.shifts import VIEW_ROW, shift
 from ..scene.row_groups import CURVATURES, PLANES, SH, SHIFTS, SLOPES, RowGroup
@@ -43,7 +43,7 @@ class PlaneRows:
 @dataclass
 class Primitives:
     """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive; of slopes, of
-    curvatures, of the normals of a plane and of shifts a row per primitive that has them."""""
+    curvatures, of the normals of a plane and of shifts a row per primitive that has them."""
 
     to_kernel: list  # M, nine columns, row-major
     mean: list  # μ, three; m of a primitive that has a shift
@@ -107,18 +107,22 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     for columns, row in of_groups:
         if row is not None:
             usable &= _of_row(all_finite(columns), row)
-    some = slopes, slope_row, curvatures, curvature_row, normals, planes, shifts, shift_row
-    if "dog_index" not in params:
-        return Primitives(to_kernel, mean, lo, sh, usable, [], None, None, *some)
+    pseudo, dog_row, dog_index = [], None, None
+    if "dog_index" in params:
+        dog_row, dog_index = params["dog_row"], params["dog_index"]
+        pseudo, finite = _pseudo(params, lo)
+        usable &= _of_row(finite, dog_row)
+    return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index, slopes, slope_row, curvatures,
+                      curvature_row, normals, planes, shifts, shift_row)  # fmt: skip
 
-    dog_row, dog_index = params["dog_row"], params["dog_index"]
-    log_factors = rows(params["dog_log_scales"], 3, dr.arange(mi.UInt32, dr.width(dog_index)))
-    of_primary = dr.gather(mi.Float, lo, dog_index, mode=dr.ReduceMode.NoConflicts)
+
+def _pseudo(params: dict, lo: mi.Float) -> tuple[list, mi.Bool]:
+    """(F⁻¹ and lo_p of the M DoG primitives, whether all of them are numbers); ``lo`` of the N primaries."""
+    index = params["dog_index"]
+    log_factors = rows(params["dog_log_scales"], 3, dr.arange(mi.UInt32, dr.width(index)))
+    of_primary = dr.gather(mi.Float, lo, index, mode=dr.ReduceMode.NoConflicts)
     pseudo_lo = of_primary - LOG2_E * softplus(-params["dog_logit_opacities"])
-    finite = all_finite(log_factors) & ~dr.isnan(pseudo_lo)
-    usable &= _of_row(finite, dog_row)
-    pseudo = [*(_exp_minus(f) for f in log_factors), pseudo_lo]
-    return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index, *some)
+    return [*(_exp_minus(f) for f in log_factors), pseudo_lo], all_finite(log_factors) & ~dr.isnan(pseudo_lo)
 
 
 def _places(params: dict, mean: list, R: list, log_scales: list) -> tuple[list, list, Any]:
@@ -169,11 +173,9 @@ def uniform_sh(params: dict, degree: int) -> mi.Float:
     if not has_groups(params):
         if stored < size:
             raise ValueError(f"SH degree {degree} needs {size} coefficients per channel, sh_coeffs has {stored}")
-        return params["sh_coeffs"] if stored == size else _columns(params["sh_coeffs"], n, stored, size)
-    highest = max(of_group for of_group, group in SH.items() if group.index in params)
-    if highest < degree:
-        raise ValueError(f"SH degree {degree} needs a group of it, the highest one is of degree {highest}")
-    sh = _columns(params["sh_coeffs"], n, 1, size)
+        return sh_columns(params["sh_coeffs"], n, stored, 0, size)
+    require_group(params, degree)
+    sh = sh_columns(params["sh_coeffs"], n, 1, 0, size)
     for of_group, group in SH.items():
         if group.index in params and degree:
             count = 3 * ((min(of_group, degree) + 1) ** 2 - 1)
@@ -184,11 +186,3 @@ def uniform_sh(params: dict, degree: int) -> mi.Float:
             into = dr.fma(dr.gather(mi.UInt32, params[group.index], row), 3 * size, column + 3)
             dr.scatter(sh, values, into, mode=dr.ReduceMode.Permute)
     return sh
-
-
-def _columns(coeffs: mi.Float, n: int, stored: int, size: int) -> mi.Float:
-    """The first ``size`` coefficients of [n, stored, 3]; zeros beyond those."""
-    i = dr.arange(mi.UInt32, n * 3 * size)
-    row, column = i // (3 * size), i % (3 * size)
-    mode = dr.ReduceMode.NoConflicts
-    return dr.gather(mi.Float, coeffs, dr.fma(row, 3 * stored, column), column < 3 * stored, mode=mode)

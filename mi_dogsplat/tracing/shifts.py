@@ -17,7 +17,8 @@ import drjit as dr
 
 from ..engine.arrays import array_types
 from ..engine.project import NO_ROW
-from .tree import NONE, SHIFT_ROW, Tree, read_row
+from ..engine.rows import read_row
+from .tree import NONE, SHIFT_ROW, Tree
 from .varying import Row, add_to_row
 from .vectors import dot
 

@@ -95,33 +95,44 @@ def build(primitives: Primitives, log2_range: float) -> Tree | None:
         high = [dr.block_reduce(dr.ReduceOp.Max, c, 2) for c in high]
     middle = [0.5 * (a + b) for a, b in zip(low, high, strict=True)]
     size = [b - a for a, b in zip(low, high, strict=True)]
-    pseudo = None
-    if primitives.pseudo:
-        pseudo = dr.zeros(types.Float, dr.width(primitives.pseudo[0]) * PSEUDO_ROW)
-        *inverse, lo = (detached(c) for c in primitives.pseudo)
-        row = dr.arange(types.UInt, dr.width(lo))
-        dr.scatter(pseudo, types.Floats([*inverse, *bounds.weights, lo, dr.zeros(types.Float)]), row)
-    slopes = table([detached(c) for c in primitives.slopes], SLOPE_ROW) if primitives.slopes else None
-    curvatures = curvature_row = None
-    if primitives.curvatures:
-        curvatures = table([detached(c) for c in primitives.curvatures], CURVATURE_ROW)
-        curvature_row = detached(primitives.curvature_row)
-    planes = []
-    for plane, normal in zip(primitives.planes, by_plane(primitives.normals, NORMAL), strict=True):
-        index = detached(plane.index)
-        one = dr.full(types.Float, 1, dr.width(index))
-        normals = rows_of([*(detached(c) for c in normal), one], index, dr.width(primitives.lo))
-        planes.append(PlaneTable(normals, index))
-    shifts = shift_row = None
-    if primitives.shifts:
-        shifts = table([detached(c) for c in primitives.shifts], SHIFT_ROW)
-        shift_row = detached(primitives.shift_row)
+    pseudo, planes = _pseudo_table(primitives, bounds.weights), _plane_tables(primitives)
+    slopes, curvatures, shifts = (
+        table(detached(columns), stride) if columns else None
+        for columns, stride in (
+            (primitives.slopes, SLOPE_ROW), (primitives.curvatures, CURVATURE_ROW), (primitives.shifts, SHIFT_ROW)
+        )
+    )  # fmt: skip
+    curvature_row, shift_row = (
+        None if row is None else detached(row) for row in (primitives.curvature_row, primitives.shift_row)
+    )
     sh = detached(primitives.sh)
     dr.make_opaque(middle, size)
     dr.eval(nodes, pseudo, slopes, curvatures, curvature_row, [plane.rows for plane in planes], shifts, shift_row, sh)
     sh_row = dr.width(sh) // dr.width(primitives.lo)
     sparse = pseudo, slopes, curvatures, curvature_row, planes, shifts, shift_row
     return Tree(nodes, leaves, splat_from_leaf, *sparse, sh, sh_row, middle, size)
+
+
+def _pseudo_table(primitives: Primitives, weights: list) -> Any:
+    """``Tree.pseudo``; ``weights`` as in ``Bounds``."""
+    if not primitives.pseudo:
+        return None
+    types = array_types()
+    *inverse, lo = detached(primitives.pseudo)
+    pseudo = dr.zeros(types.Float, dr.width(lo) * PSEUDO_ROW)
+    row = dr.arange(types.UInt, dr.width(lo))
+    dr.scatter(pseudo, types.Floats([*inverse, *weights, lo, dr.zeros(types.Float)]), row)
+    return pseudo
+
+
+def _plane_tables(primitives: Primitives) -> list[PlaneTable]:
+    """``Tree.planes``."""
+    planes = []
+    for plane, normal in zip(primitives.planes, by_plane(primitives.normals, NORMAL), strict=True):
+        index = detached(plane.index)
+        one = dr.full(array_types().Float, 1, dr.width(index))
+        planes.append(PlaneTable(rows_of([*detached(normal), one], index, dr.width(primitives.lo)), index))
+    return planes
 
 
 def table(columns: list, stride: int) -> Any:
@@ -139,20 +150,6 @@ def rows_of(columns: list, index: Any, n: int) -> Any:
     rows = dr.zeros(types.Float, 4 * n)
     dr.scatter(rows, types.Quad(*columns), index, mode=dr.ReduceMode.Permute)
     return rows
-
-
-def read_row(table: Any, row: Any, stride: int, count: int, active: Any) -> list:
-    """The first ``count`` floats of a row, eight and four at a time."""
-    types, values = array_types(), []
-    while len(values) < count:
-        size = 8 if count - len(values) > 4 and stride % 8 == 0 else 4 if stride % 4 == 0 else 1
-        index = dr.fma(row, stride // size, len(values) // size)
-        if size == 8:
-            values += list(dr.gather(types.Floats, table, index, active, shape=(8, dr.width(index))))
-        else:
-            read = dr.gather(types.Quad if size == 4 else types.Float, table, index, active)
-            values += list(read) if size == 4 else [read]
-    return values[:count]
 
 
 def leaf_order(centre: list, n: int) -> Any:

@@ -12,8 +12,9 @@ from typing import Any, Protocol
 import drjit as dr
 
 from ..engine.arrays import array_types
+from ..engine.rows import read_row
 from ..scene.curvatures import ENTRIES, OF_MATRIX
-from .tree import CURVATURE_ROW, SLOPE_ROW, read_row
+from .tree import CURVATURE_ROW, SLOPE_ROW
 from .vectors import dot
 
 

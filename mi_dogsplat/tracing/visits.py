@@ -139,10 +139,12 @@ def _nearest(walk: Walk, inverse: list, walking: Any, last: Any, buffer: Any) ->
 
 
 def _counts(met: Meeting, ray: Line) -> Any:
+    """Whether a primitive lies on the segment and is not below the cutoff."""
     return (met.t > 0) & (met.t < ray.maxt) & (met.alpha != 0)
 
 
 def _place(key: Any) -> Any:
+    """Where along the ray a key is."""
     types = array_types()
     return dr.reinterpret_array(types.Float, types.UInt(key >> 32))
 

@@ -25,7 +25,7 @@ def training_l1(trainer: Training) -> float:
     """Mean L1 over all training views, of what the loss sees: display values clamped to [0, 1], or what its curve makes
     of radiance, which has no such end."""
     photographs = trainer.photographs
-    params = {name: dr.detach(value) for name, value in trainer.optimizer.params.items()}
+    params = dr.detach(trainer.optimizer.params)
     total = dr.opaque(array_types().Float, 0)
     photographs.keep_background()
     for view in range(len(photographs)):

@@ -17,10 +17,12 @@ FROM_RECIPE: Any = None  # a default that the preset decides on when the configu
 PRUNING_PRESETS = "use " + " or ".join(name for name in RECIPES if RECIPES[name].pruning)
 # may change from one start of a run to the next, as no result depends on them
 FREE = ("checkpoint_seconds", "memory", "up", "scale", "unit")
-PRESETS = "recipe: ours; ours_slopes (with colours that vary over their primitives); ours_cuts (and planes that "
-PRESETS += "cut them off); ours_preconditioned (and preconditioned steps); ours_second_cuts (and a second plane for "
-PRESETS += "each); ours_curvatures (and a brightness that curves over them); ours_shifts (and places that depend on "
-PRESETS += "the view); paper or released (the method as printed, as in its code); 3dgs (baseline)"
+PRESETS = (
+    "recipe: ours; ours_slopes (with colours that vary over their primitives); ours_cuts (and planes that cut them "
+    "off); ours_preconditioned (and preconditioned steps); ours_second_cuts (and a second plane for each); "
+    "ours_curvatures (and a brightness that curves over them); ours_shifts (and places that depend on the view); paper "
+    "or released (the method as printed, as in its code); 3dgs (baseline)"
+)
 WORLD_SCALE = "remove primitives larger than this many camera extents (default: the preset's)"
 VARIANT = "Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb"
 TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: eight times a run"
@@ -30,12 +32,16 @@ NEAR_ZONE = "remove primitives nearer than this to a training camera, world unit
 APPEARANCE = "learn exposure and white balance of each training image, and the vignetting of each camera"
 BATCH = "views of a step, which takes the mean of their gradients; step sizes grow with the square root"
 REFINE_POSES = "correct the poses of the training views by the photographs, beside the model"
-PRECONDITIONED = "move the numbers of each primitive jointly once pruning is over; ours_preconditioned and "
-PRECONDITIONED += "those that add to it do so anyway"
+PRECONDITIONED = (
+    "move the numbers of each primitive jointly once pruning is over; ours_preconditioned and those that add to it do "
+    "so anyway"
+)
 FORMATS = ("ply", "spz", "sog")
 FORMAT = f"file to train for, of {', '.join(FORMATS)}: the last part of the training sees the model as it will be there"
-TARGET = "what pruning leaves, less what fades later: a ratio (0.1, 10%), a count of primitives (20000), or the size "
-TARGET += "of the file (2MB)"
+TARGET = (
+    "what pruning leaves, less what fades later: a ratio (0.1, 10%), a count of primitives (20000), or the size of the "
+    "file (2MB)"
+)
 WHITE = "radiance that is white, for OpenEXR images (default: twice the 95th percentile of their luminances)"
 CHECKPOINTS = "time between checkpoints; longer where they would take a fiftieth of the time"
 

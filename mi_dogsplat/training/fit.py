@@ -22,8 +22,8 @@ from ..scene.radiance import brightened
 from ..scene.row_groups import BESIDE_COLORS
 from ..scene.splats import Array, Splats
 from ..support.wording import counted
-from .footprint import budget
 from .images.photographs import Photographs
+from .memory_budget import budget
 from .optimizer.learning_rates import LearningRates, Refinement
 from .optimizer.splat_optimizer import SplatOptimizer
 from .quantisation.quantiser import Quantiser, Tables

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 from ..datasets import Dataset
 from ..scene.drawing import DrawnAs
-from ..scene.row_groups import BESIDE_COLORS
+from ..scene.row_groups import BESIDE_COLORS, DOG, RowGroup
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .config import TrainConfig
-from .footprint import Budget, budget
-from .later_rows import later_rows
+from .memory_budget import Budget, Later, budget
+from .optimizer.preconditioning import n_products
 from .presets import RECIPES, Recipe
 from .strategy.pose_refinement import PoseRefinement
 
@@ -49,9 +49,24 @@ def near_clip_of(config: TrainConfig, extent: float) -> float:
 def memory_of(config: TrainConfig, dataset: Dataset, recipe: Recipe, splats: Splats) -> Budget | None:
     """The budget of a run that starts with ``splats``. Raises ``DataError`` where these do not fit into it."""
     held = [group for group in BESIDE_COLORS if len(getattr(splats, group.index))]
-    later = later_rows(config, recipe, held, splats.n_splats)
-    masked = config.masks is not None
-    memory = budget(config.memory, dataset, splats.sh_degree, config.data_on_disk, held, masked, later)
+    memory = budget(
+        config.memory, dataset, splats.sh_degree, on_disk=config.data_on_disk, groups=held,
+        masked=config.masks is not None, later=_later_rows(config, recipe, held, splats.n_splats),
+    )  # fmt: skip
     if memory:
         memory.require(config.data, splats.n_splats)
     return memory
+
+
+def _later_rows(config: TrainConfig, recipe: Recipe, held: list[RowGroup], n: int) -> Later:
+    """What primitives get when the pruning is over, beside rows ``held`` from the start by ``n`` primitives.
+
+    How many are left by then is known of a ratio, and of a count where a model or a cap says of how many.
+    """
+    given = [group for group in ([DOG] if recipe.dog else []) + [*recipe.given_groups] if group not in held]
+    left = 1.0
+    if recipe.pruning:
+        target = 0.0 if config.target_bytes else float(config.target)
+        most = n if config.model else config.max_primitives
+        left = target if target < 1 else min(1.0, target / most) if most else 0.0
+    return Later(given, n_products([*held, *given]) if recipe.preconditioning else 0, left)

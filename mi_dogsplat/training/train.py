@@ -36,7 +36,7 @@ from .config import TrainConfig
 from .events import Event
 from .images.photographs import READ_AHEAD, Photographs
 from .initialize import initial_splats
-from .losses import LossMeans
+from .loss_means import LossMeans
 from .optimizer.learning_rates import LearningRates
 from .optimizer.splat_optimizer import SplatOptimizer
 from .presets import Recipe
@@ -70,9 +70,10 @@ class Trainer:
         self.memory = memory_of(config, dataset, recipe, splats)
         self.rng = np.random.default_rng(config.seed)
         self.photographs = Photographs(
-            dataset, self.background, self.near_clip, config.background == "random", config.masks,
-            config.steps if config.appearance else None, config.data_on_disk,
-            self.memory is None or self.memory.keep_targets, recipe.curve, config.batch_views,
+            dataset, self.background, self.near_clip, random=config.background == "random", masks=config.masks,
+            appearance_steps=config.steps if config.appearance else None, on_disk=config.data_on_disk,
+            keep_targets=self.memory is None or self.memory.keep_targets, curve=recipe.curve,
+            batch_views=config.batch_views,
         )  # fmt: skip
         rates = LearningRates(
             self.extent, recipe.position_steps,
@@ -154,7 +155,8 @@ class Trainer:
         for strategy, state in parts:
             camera = strategy.camera(self, state, view, camera)
         planes, frame = self._render(params, camera, probe)
-        l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, self.order[: -1 - READ_AHEAD : -1])
+        upcoming = self.order[: -1 - READ_AHEAD : -1]  # from the end, as views are taken
+        l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, upcoming)
         backward(planes, [mi.Float(δ) for δ in gradient])
         by_center = (dr.grad(probe[0]), dr.grad(probe[1])) if probe else None
         seen = Seen(view, camera, params, frame, planes, gradient, by_center, last)

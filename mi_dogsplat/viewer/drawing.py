@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..datasets.dataset import View, shown_with
+from ..engine.options import RasterOptions
 from ..engine.parameters import upload
-from ..engine.rasterize import RasterOptions
 from ..render.picture import photograph as shown
 from ..render.picture import render_picture
 from ..scene.cameras import Camera

@@ -19,7 +19,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.training.events import Densified
-from mi_dogsplat.training.footprint import Budget
+from mi_dogsplat.training.memory_budget import Budget
 from splat_scenes import random_splats, rounded
 
 

@@ -29,11 +29,11 @@ from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.engine.walks.squared_weights import composite_squared_weights
 from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scores.score import CUT_KINDS, ScoreRule
-from mi_dogsplat.training.images.image_formation import Frame, formed, formed_gradients
+from mi_dogsplat.training.images.image_formation import ImageSize, formed, formed_gradients
 from mi_dogsplat.training.images.loss import PhotometricLoss
 from mi_dogsplat.training.optimizer.adam import Entry
 from mi_dogsplat.training.optimizer.adam_step import replayed_step
-from mi_dogsplat.training.optimizer.joint_steps import Numbers, TrainedArray, joint_steps
+from mi_dogsplat.training.optimizer.joint_steps import JointArray, Numbers, joint_steps
 from mi_dogsplat.training.optimizer.triangles import n_pairs
 from mi_dogsplat.training.optimizer.triangles import upload as upload_triangles
 from splat_scenes import make_camera, options, random_splats, rounded
@@ -163,12 +163,12 @@ def cut_planes(order: str, n: int) -> list:
 
 def taken(width=9, height=5, order="abc") -> np.ndarray:
     """As a camera takes it."""
-    frame, numbers = Frame.of(width, height), detached(device_array(np.array(NUMBERS)))
+    frame, numbers = ImageSize.of(width, height), detached(device_array(np.array(NUMBERS)))
     return rows(formed(cut_planes(order, width * height), numbers, frame))
 
 
 def taken_back(width=9, height=5, order="abcdef") -> np.ndarray:
-    frame, numbers = Frame.of(width, height), detached(device_array(np.array(NUMBERS)))
+    frame, numbers = ImageSize.of(width, height), detached(device_array(np.array(NUMBERS)))
     shown, adjoint = (cut_planes(letters, width * height) for letters in (order[:3], order[3:]))
     by_planes, sums = formed_gradients(shown, numbers, frame, adjoint)
     return np.concatenate([rows(by_planes).ravel(), sums.numpy()])
@@ -237,7 +237,7 @@ def stepped(n=6, sizes=(3, 1), rows=False, order="abcd", of_m=(0.2, 0.2), of_v=0
         row[own] = np.arange(len(own))
         row_of, of_row = (detached(mi.UInt32(index.astype(np.uint32))) if rows else None for index in (row, own))
         value, gradient, m, v = cut_planes(order, size * len(own))
-        arrays.append(TrainedArray(size, row_of, of_row, value, gradient, m, dr.abs(v) + 0.1))
+        arrays.append(JointArray(size, row_of, of_row, value, gradient, m, dr.abs(v) + 0.1))
     d = sum(sizes)
     S = np.array([np.full(n, 0.2 if i == j else 0.01) for i in range(d) for j in range(i + 1)])
     assert len(S) == n_pairs(d)

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.geometry import SMOOTH
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_OWN_AXES, RAW_SHIFTS, upload
+from mi_dogsplat.engine.parameters import RAW, RAW_OF_GROUPS, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
 from mi_dogsplat.reference.forward import raw_indices, raw_names
@@ -133,7 +133,7 @@ SMOOTH_OPTIONS: dict[str, Any] = {"cutoffs": SMOOTH}
 def attached(splats: Splats) -> dict:
     """Parameters on the device, every one of them part of the AD graph."""
     params = upload(splats)
-    for name in RAW + RAW_DOG + RAW_OWN_AXES + RAW_SHIFTS:
+    for name in RAW + RAW_OF_GROUPS:
         if name in params:
             dr.enable_grad(params[name])
     return params

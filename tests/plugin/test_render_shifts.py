@@ -11,12 +11,13 @@ from film_derivatives import errors_of_adam, film_gradients
 from mi_dogsplat import Splats, reference
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.options import RasterOptions
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_SHIFTS, upload
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.plugin import splat_integrator
 from mi_dogsplat.plugin.camera_masks import SplatMasks
 from mi_dogsplat.plugin.splat_lamps import lamps_of
 from mi_dogsplat.scene.mitsuba_cameras import opencv_w2c_to_mitsuba_c2w
+from mi_dogsplat.scene.row_groups import SHIFTS
 from own_axes_models import ADJOINT, CAMERA, KINDS, SLOPED, picture, traversed
 from shifted_models import places_seen, standing, with_shifts
 from splat_scenes import (
@@ -53,7 +54,7 @@ def test_gradients_through_the_film_equal_differences_in_float64(kinds):
     splats, adjoint = shifted(10, seed=4), ADJOINT.astype(np.float32)
     for kind in kinds:
         splats = kind.having(splats)
-    names = (*RAW, *RAW_DOG, *RAW_SHIFTS, *(kind.name for kind in kinds))
+    names = (*RAW, *RAW_DOG, *SHIFTS.names, *(kind.name for kind in kinds))
     got = film_gradients(scene_of(splats, CAMERA), names, ADJOINT)
     image, step = reference.render(splats, CAMERA)[0], 1e-6
     curve = (to_linear(image + step) - to_linear(image - step)) / (2 * step)
@@ -62,7 +63,7 @@ def test_gradients_through_the_film_equal_differences_in_float64(kinds):
 
 def test_forward_mode_through_the_film_is_the_transpose_of_reverse_mode():
     model, rng = shifted(), np.random.default_rng(1)
-    gradients = film_gradients(scene_of(model, CAMERA), RAW_SHIFTS, ADJOINT)
+    gradients = film_gradients(scene_of(model, CAMERA), SHIFTS.names, ADJOINT)
     scene, params = traversed(model)
     along = {name: rng.normal(size=gradient.shape).astype(np.float32) for name, gradient in gradients.items()}
     for name, tangent in along.items():
@@ -70,7 +71,7 @@ def test_forward_mode_through_the_film_is_the_transpose_of_reverse_mode():
         dr.set_grad(params[f"splats.{name}"], mi.TensorXf(tangent))
     params.update()
     change = scene.integrator().render_forward(scene, params).numpy()
-    expected = sum((gradients[name] * along[name]).sum() for name in RAW_SHIFTS)
+    expected = sum((gradients[name] * along[name]).sum() for name in SHIFTS.names)
     assert (change * ADJOINT).sum() == pytest.approx(expected, rel=2e-3)
 
 

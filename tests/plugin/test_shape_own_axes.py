@@ -11,7 +11,7 @@ import pytest
 from mi_dogsplat import Splats, to_ellipsoids, write_ply
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.options import RasterOptions
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, ROWS, upload
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.plugin import splat_integrator
 from mi_dogsplat.scene.row_groups import ALONG_AXES
 from mi_dogsplat.scene.transform import transformed
@@ -48,7 +48,7 @@ def test_they_go_in_are_seen_and_come_out(tmp_path, kind: Kind, source):
     assert kind.word not in str(mi.load_dict(dog_dict(kind.without(kind.model))))
     given = upload(model)
     assert set(shape.parameters) == set(given)
-    np.testing.assert_array_equal(shape.parameters[ROWS[index]].numpy(), given[ROWS[index]].numpy())
+    np.testing.assert_array_equal(shape.parameters[kind.group.row].numpy(), given[kind.group.row].numpy())
 
 
 @EACH_KIND

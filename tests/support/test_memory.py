@@ -24,10 +24,10 @@ from mi_dogsplat.scene.row_groups import DOG, PLANES, SLOPES
 from mi_dogsplat.support import memory
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.memory import available_memory, bytes_of, peak_memory_mb
-from mi_dogsplat.training import footprint
+from mi_dogsplat.training import memory_budget
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import MemoryFull
-from mi_dogsplat.training.footprint import (
+from mi_dogsplat.training.memory_budget import (
     FIRST_PAIRS,
     MARGIN,
     MOST_BANDS,
@@ -240,7 +240,7 @@ def test_a_training_has_the_same_bits_in_whatever_memory(data, monkeypatch):
     ample, expected = trained()
     assert ample.photographs.keep_targets
     monkeypatch.setattr(Budget, "for_pairs", lambda self, n: 0.0)
-    monkeypatch.setattr(footprint, "TARGETS_SHARE", 0)
+    monkeypatch.setattr(memory_budget, "TARGETS_SHARE", 0)
     tight, values = trained()
     assert isinstance(tight.render(tight.optimizer.params, 0)[1].view, BandedView)
     assert not tight.photographs.keep_targets

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from every_pair import every_pair
 from mi_dogsplat.engine.geometry import SMOOTH
-from mi_dogsplat.engine.parameters import RAW, RAW_CURVATURES, RAW_CUTS, RAW_DOG, RAW_SHIFTS, RAW_SLOPES
+from mi_dogsplat.engine.parameters import RAW, RAW_OF_GROUPS
 from mi_dogsplat.reference import rays as twin
 from mi_dogsplat.reference.forward import raw_indices
+from mi_dogsplat.scene.row_groups import CURVATURES, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.rays import FEW
@@ -19,8 +20,8 @@ from ray_sets import RaySet, random_rays
 from splat_scenes import attached, random_splats, rounded
 
 STEP = 1e-5
-NAMES = RAW + RAW_DOG + RAW_SLOPES + RAW_CURVATURES + RAW_CUTS + RAW_SHIFTS
-COLORS = "sh_coeffs", *RAW_SLOPES, *RAW_CURVATURES
+NAMES = RAW + RAW_OF_GROUPS
+COLORS = "sh_coeffs", *SLOPES.names, *CURVATURES.names
 SHARES = {"colours of one value": (0, 0, 0, 0), "slopes": (0.6, 0, 0, 0), "curvatures": (0, 0, 0, 0.6),
           "slopes and curvatures": (0.6, 0, 0, 0.6), "cut off": (0, 0.6, 0, 0),
           "slopes, and cut off": (0.6, 0.6, 0, 0), "curvatures, and cut off": (0, 0.6, 0, 0.6),

@@ -9,7 +9,7 @@ from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scores.bands import bands
 from mi_dogsplat.scores.score import ScoreRule, energies
 from mi_dogsplat.scores.slope_losses import curvature_losses, slope_losses
-from mi_dogsplat.training.strategy.options import CUT, REMOVAL, SECOND_CUT, Options
+from mi_dogsplat.training.strategy.options import NO_CUT, NO_SECOND_CUT, REMOVAL, Options
 from mi_dogsplat.training.train import Trainer
 from photographs import config_of, left_half, write_masks
 
@@ -64,7 +64,7 @@ def test_what_each_kind_of_rows_is_worth_is_looked_at_in_the_primitives_that_hav
     found = Options.of(trainer, trainer.optimizer.to_splats())
     shown = given(trainer)
     expected = [losses(*shown, lambda _: left_half()) for losses in (slope_losses, curvature_losses)]
-    expected += [energies(rule, *shown, 0.0, 0, lambda _: left_half())[0] for rule in (CUT, SECOND_CUT)]
+    expected += [energies(rule, *shown, 0.0, 0, lambda _: left_half())[0] for rule in (NO_CUT, NO_SECOND_CUT)]
     for group, rows, losses in zip(OWN_AXES, (found.slopes, found.curvatures, found.cuts, found.second_cuts), expected,
                                    strict=True):  # fmt: skip
         np.testing.assert_array_equal(np.flatnonzero(rows.has), trainer.optimizer.index_of(group))

@@ -164,7 +164,7 @@ def test_slopes_are_left_out_by_their_largest_number_and_nothing_else_is(kind, p
     (event,) = trainer.end()
     assert event.kind == "slopes_left_out"
     shown = np.flatnonzero(np.abs(slopes).max(axis=1) >= 1 / 255)
-    np.testing.assert_array_equal(trainer.optimizer.slope_index, shown)
+    np.testing.assert_array_equal(trainer.optimizer.index_of(SLOPES), shown)
 
 
 @pytest.mark.parametrize("preset", ["ours", "ours_second_cuts"])

@@ -3,7 +3,7 @@
 At each refinement the model may have √p of the budget, p the part of the way to step 14,500 that is done. Those that
 grow are drawn, in proportion to the mean over 10 random views of Σ e α T, divided by its mean over what the view shows;
 e are the edges of the photograph. After that step the gradient itself takes the place of the edges. All are split
-(``training/strategy/long_axis.py``). Opacities are reset to .05; what is below .02 goes at step 300, a fifth with the
+(``long_axis.py``). Opacities are reset to .05; what is below .02 goes at step 300, a fifth with the
 smallest opacities 300 steps after the first two resets, while it densifies ("recovery-aware"). Position steps fall from
 a quarter of the recipe's to 1.25 times them, those of SH are double.
 """
@@ -21,10 +21,10 @@ from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
 from ...training.strategy.densify import Choice, Densification
 from ...training.strategy.densify_stats import DensifyStats
-from ...training.strategy.long_axis import LongAxisHalves
 from ...training.strategy.prune import keep_best
 from ...training.strategy.strategy import Strategy, Training
 from .growth import START_SHARE, best, opacities, progress
+from .long_axis import LongAxisHalves
 from .mini_splatting import sampling_keys
 from .taming import edges
 

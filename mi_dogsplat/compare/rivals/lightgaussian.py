@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.project import DeviceCamera
-from ...engine.rasterize import RasterOptions
+from ...engine.device_camera import DeviceCamera
+from ...engine.options import RasterOptions
 from ...scene.opacity import sigmoid
 from ...scores.weights import weights
 from ...training.presets import Recipe

@@ -24,9 +24,9 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.arrays import detached
+from ...engine.device_camera import DeviceCamera
 from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
-from ...engine.project import DeviceCamera
 from ...engine.view import prepare
 from ...engine.walks.score import Sums, composite_score
 from ...scores.score import ScoreRule
@@ -108,7 +108,7 @@ class MaskGaussian(Strategy[None]):
         if DRAWN not in seen.params:
             return
         drawn, probability = seen.params[DRAWN], seen.params[PROBABILITY]
-        params = {name: dr.detach(value) for name, value in t.optimizer.params.items()}
+        params = dr.detach(t.optimizer.params)
         share, image, adjoint = (detached(values) for values in (drawn, seen.planes, seen.gradient))
         by_m = mi.Float(by_share(params, seen.camera, t.options, share, image, adjoint))
         by_m += dr.mean(drawn) * (2 * WEIGHT / t.optimizer.n)

@@ -2,7 +2,7 @@
 
 Every 100 steps from 500 to 25,000 primitives whose opacity is at most .005 become copies of live ones, drawn in
 proportion to opacity, and 5 % new ones are added in the same way until the budget is there; what covered a place
-before covers it still (``training/strategy/relocation.py``). After each step positions get noise,
+before covers it still (``relocation.py``). After each step positions get noise,
 
     λ_noise λ_means σ(-100 (o - .005)) Σ η,   η normal, Σ the covariance in world space, λ_noise = 5e5
 
@@ -26,9 +26,9 @@ from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
 from ...training.strategy.densify import Densification
 from ...training.strategy.once import Done
-from ...training.strategy.relocation import draw, duplicate, relocate
 from ...training.strategy.strategy import Seen, Strategy, Training
 from .growth import opacities
+from .relocation import draw, duplicate, relocate
 from .step_sizes import OPACITY_OF_2023
 
 DEVIATIONS = (

@@ -19,9 +19,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...engine.device_camera import DeviceCamera
 from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
-from ...engine.project import DeviceCamera, project
+from ...engine.project import project
 from ...engine.view import prepare_both
 from ...engine.walks.composite import composite_over
 from ...engine.walks.fisher import COLUMNS, PAIRS, SHAPE, composite_fisher, patch_blocks
@@ -55,7 +56,7 @@ class Sensitivity:
 
 def fisher(params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float) -> np.ndarray:
     """[N, 6, 6] H of each primitive, by (mean, log scales)."""
-    params = {name: dr.detach(value) for name, value in params.items()}
+    params = dr.detach(params)
     total = np.zeros((dr.width(params["logit_opacities"]), 6, 6))
     for camera in cameras:
         sums = _products(params, camera, options, background)  # [COLUMNS, N]

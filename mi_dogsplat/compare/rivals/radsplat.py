@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.project import DeviceCamera
-from ...engine.rasterize import RasterOptions
+from ...engine.device_camera import DeviceCamera
+from ...engine.options import RasterOptions
 from ...scores.weights import weights
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule

@@ -19,13 +19,14 @@ from ..bands import PreparedView, WalkableView
 from ..curvatures import curved_by, curved_slope
 from ..cuts import by_plane
 from ..frozen import frozen
+from ..geometry import MAX_ALPHA
 from ..slopes import CHANNELS
 from ..tables import parts_of, varying_columns
 from .block_sums import curvature_adjoints, kernel_adjoints, plane_adjoints
 from .kept import Kept
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
-from .walk import ALPHA_MAX, Alphas, Meeting, Walk
+from .walk import Alphas, Meeting, Walk
 
 LN2 = 0.6931471805599453
 
@@ -122,9 +123,9 @@ def _composite_backward(
             δα = LN2 * dr.fma(T[k], c, -walk.hidden(rest[k], a, a))
             # zero where the primitive was ignored, or the walk had ended
             δα = dr.select(goes_on & (a != 0), δα, 0)
-            δp.append(dr.select(alphas.primary[k] < ALPHA_MAX, δα * alphas.primary[k], 0))
+            δp.append(dr.select(alphas.primary[k] < MAX_ALPHA, δα * alphas.primary[k], 0))
             if alphas.pseudo is not None:
-                δp_pseudo.append(dr.select(alphas.pseudo[k] < ALPHA_MAX, -δα * alphas.pseudo[k], 0))
+                δp_pseudo.append(dr.select(alphas.pseudo[k] < MAX_ALPHA, -δα * alphas.pseudo[k], 0))
             T[k] = behind
         kernel = meeting.row.kernel
         δrow = Projected(*kernel_adjoints(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
@@ -166,7 +167,7 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above
             δp = δ.lo - 2 * (u * δu + v * δv)
             for δlog_g in δkept:
                 δp = δp + δlog_g[k]
-            result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
+            result.append(dr.select(value < MAX_ALPHA, LN2 * value * δp, 0))
         return result
 
     def tangents_of_kept(kept: Kept, meeting: Meeting, δ: Projected, hx, hy, δhx, δhy) -> list:

@@ -19,10 +19,10 @@ import mitsuba as mi
 
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
-from ..geometry import Blocks
+from ..geometry import MAX_ALPHA, Blocks
 from .derivatives import LN2
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
-from .walk import ALPHA_MAX, Meeting, Walk
+from .walk import Meeting, Walk
 
 SHAPE = 5  # numbers of a projected shape: x y ux uy vy
 PAIRS = [(i, j) for i in range(SHAPE) for j in range(i, SHAPE)]
@@ -67,7 +67,7 @@ def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: lis
             weight = dr.select(blended, weight, 0)
             s = s + weight
             u, v = dr.fma(ux, x, uy * y), vy * y
-            slope = dr.select(blended & (primary < ALPHA_MAX), LN2 * primary, 0)  # ∂α/∂p
+            slope = dr.select(blended & (primary < MAX_ALPHA), LN2 * primary, 0)  # ∂α/∂p
             by_shape = [2 * u * ux, 2 * dr.fma(u, uy, v * vy), -2 * u * x, -2 * u * y, -2 * v * y]  # ∂p
             for c in range(3):
                 behind[c][k] = dr.fma(-weight, colors[c][k], behind[c][k])

@@ -45,27 +45,29 @@ from .walk import Meeting, Walk
 
 @dataclass(frozen=True)
 class Sums:
-    """Which sums over the pixels of the footprint images F a pass adds up, each a column of the result, in this order.
+    """Which footprint images F a pass looks at, and which sums over their pixels it adds up.
 
-    removal: F is D. Else F is J.
-    degeneration: F is P
-    uncut: F is Q, of that plane among those of the view
-    masked: F is μ F, with a plane μ that is 0 where a pixel does not count
-    energy: Σ F²
-    weighted: ... Σ (w F)² instead, with a plane w
-    clamped: F is Σ m d o instead of J, with a plane m per channel: where the image is clamped, m is 0
-    gradient: Σ |∇F|², ∇ the forward differences of neighbouring pixels that are both inside the image. That is the
-        spectrum of F, continued by reflection, weighted by 4 sin²(ω_x/2) + 4 sin²(ω_y/2): |ω|² for small ω
-    probes: that many columns Σ ξ F, with a plane ξ per column and channel of F
+    F is J, or one of
+        removal: D
+        degeneration: P
+        uncut: Q, of that plane among those of the view
+        clamped: Σ m d o, with a plane m per channel: where the image is clamped, m is 0
+    masked: times a plane μ that is 0 where a pixel does not count
+
+    The sums are columns of the result, in this order:
+        energy: Σ F², if ``weighted`` Σ (w F)² with a plane w
+        gradient: Σ |∇F|², ∇ the forward differences of neighbouring pixels that are both inside the image. That is the
+            spectrum of F, continued by reflection, weighted by 4 sin²(ω_x/2) + 4 sin²(ω_y/2): |ω|² for small ω
+        probes: that many columns Σ ξ F, with a plane ξ per column and channel of F
     """
 
     removal: bool = False
     degeneration: bool = False
     uncut: int | None = None
+    clamped: bool = False
     masked: bool = False
     energy: bool = True
     weighted: bool = False
-    clamped: bool = False
     gradient: bool = False
     probes: int = 0
 

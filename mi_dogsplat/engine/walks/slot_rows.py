@@ -23,7 +23,7 @@ from ..tiles import TileLists
 class SlotRows:
     """Trace-time helper: the rows of a frozen function, zeros at first.
 
-    Made in it: what it is given and adds to, Dr.Jit would copy first, 64 bytes per isect in every step.
+    They are made in it: rows that it is given and adds to Dr.Jit would copy first, 64 bytes per isect in every step.
     """
 
     def __init__(self, lists: TileLists, columns: int, in_turn: bool):

@@ -18,7 +18,9 @@ import drjit as dr
 from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
 from ..curvatures import curved_by
+from ..geometry import MAX_ALPHA, MAX_T
 from ..project import NO_ROW
+from ..rows import read_row
 from ..slopes import CHANNELS
 from ..tables import (
     DEPTH_FEATURE,
@@ -36,9 +38,7 @@ from .kernel_values import DEAD_PATCH, kernel_values
 from .lane_list import AheadList, LaneList
 from .pixels import BlockPixels
 
-ALPHA_MAX = 0.99
 AVX512_LANES = 16  # of a tile; with AVX-512 there are twice the registers of AVX2 and SSE
-MAX_T = 2.0**30  # only a stack of negative lobes gets there; float32 would end in ∞ and NaN
 
 
 @dataclass
@@ -72,13 +72,13 @@ class Walk:
     def __init__(self, view: PreparedView, dog: bool | None = None, blends_only: bool = False):
         """
         Args:
-            dog: walk those tiles alone that have a DoG primitive, or, False, those that have none, past kernels that
-                know no pseudo-Gaussian; for lists that know which these are.
+            dog: None: walk all tiles. True: those that have a DoG primitive; False: those that have none, with kernels
+                that know no pseudo-Gaussian. Both need lists that tell (``TileLists.dog``).
             blends_only: nothing is added up over lanes, so that they may meet an isect in any order.
         """
         self.types = types = array_types()
         self.exp2: Callable[[Any], Any] = exp2 if types.is_llvm else dr.exp2
-        self.grid, self.tables, self.lists, self.settings = view.grid, view.tables, view.lists, view.settings
+        self.tables, self.lists, self.settings = view.tables, view.lists, view.settings
         self.columns, self.row_size = columns_used(view.settings), row_size(view.settings)
         self.has_dog = view.tables.pseudo is not None and dog is not False
         # whether a negative α raises T; a model without DoG has none, and is not asked
@@ -157,22 +157,10 @@ class Walk:
         """The next primitive, and where the lane then is. Lanes that meet none get an empty kernel."""
         isect, active, place = self.list.next(place)
         splat = dr.gather(self.types.UInt, self.lists.splat_from_isect, isect, active)
-        columns = self._floats(self.tables.splats, splat, self.row_size, self.columns, active)
-        row = SplatRow.of(columns[: self.columns], self.settings)
+        columns = read_row(self.tables.splats, splat, self.row_size, self.columns, active)
+        row = SplatRow.of(columns, self.settings)
         row.kernel = row.kernel._replace(lo=dr.select(active, row.kernel.lo, 2 * DEAD_PATCH))
         return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), place
-
-    def _floats(self, table, row, row_size: int, columns: int, active=True) -> list:
-        """The first ``columns`` floats of a row, eight and four at a time."""
-        values = []
-        while len(values) < columns:
-            size = 8 if columns - len(values) > 4 else 4
-            index = dr.fma(row, row_size // size, len(values) // size)
-            if size == 8:
-                values += list(dr.gather(self.types.Floats, table, index, active, shape=(8, dr.width(index))))
-            else:
-                values += list(dr.gather(self.types.Quad, table, index, active))
-        return values
 
     def slot(self, meeting: Meeting):
         """Where the isect's sums are, in a ``SlotRows``."""
@@ -221,13 +209,13 @@ class Walk:
             return self.primary_alphas(primary)
         alpha = []
         for v, v_p in zip(primary, pseudo, strict=True):
-            a = dr.minimum(v, ALPHA_MAX) - dr.minimum(v_p, ALPHA_MAX)
+            a = dr.minimum(v, MAX_ALPHA) - dr.minimum(v_p, MAX_ALPHA)
             alpha.append(dr.select(dr.abs(a) >= self.settings.cutoffs.alpha, a, 0))
         return alpha
 
     def primary_alphas(self, primary: list) -> list:
         """α of a primitive without a pseudo-Gaussian, from its ``Alphas.primary``."""
-        return [dr.select(v >= self.settings.cutoffs.alpha, dr.minimum(v, ALPHA_MAX), 0) for v in primary]
+        return [dr.select(v >= self.settings.cutoffs.alpha, dr.minimum(v, MAX_ALPHA), 0) for v in primary]
 
     def _kernel(self, kernel: KernelRow, dx, dy) -> list:
         return kernel_values(kernel, dx, dy, self.blocks, self.settings.patch, self.exp2)
@@ -244,7 +232,7 @@ class Walk:
         return list(values), row, is_dog
 
     def pseudo_row(self, row) -> KernelRow:
-        return KernelRow(*self._floats(self.tables.pseudo, row, PSEUDO_COLUMNS, PSEUDO_COLUMNS)[:KERNEL_COLUMNS])
+        return KernelRow(*read_row(self.tables.pseudo, row, PSEUDO_COLUMNS, KERNEL_COLUMNS))
 
     def advance(self, alpha, T, meeting: Meeting, k: int) -> tuple:
         """Walk past a primitive at pixel ``k`` of the block: (weight α T of the primitive, T behind it, or -T where the

@@ -24,7 +24,7 @@ from ...engine.arrays import detached
 from ...engine.parameters import device_array
 from ...scene.appearance import GAINS, N_NUMBERS, N_OF_IMAGE, VIGNETTING, Appearance, device_of
 from ...scene.cameras import Camera
-from .image_formation import Frame, formed, formed_gradients
+from .image_formation import ImageSize, formed, formed_gradients
 from .rows_of_numbers import RowsOfNumbers
 
 TRAVEL = 3.0  # how far a gain can move in all, EV
@@ -64,19 +64,19 @@ class LearnedAppearance:
         self.of_devices = RowsOfNumbers(len(self.devices), RATES[N_OF_IMAGE:], most=0.0)  # no lens brightens corners
         self.mean = detached(device_array(np.zeros(N_OF_IMAGE)))  # over all images
         self.stiffness, self.inv_bend = (detached(device_array(v)) for v in (STIFFNESS, 1 / BEND))
-        self._frames: dict[tuple[int, int], Frame] = {}
+        self._sizes: dict[tuple[int, int], ImageSize] = {}
 
     def applied(self, planes: list, view: int, size: tuple[int, int]) -> list:
         """Three planes [H*W] as the camera of a view recorded them; ``size``: width and height."""
-        return formed(detached(planes), self._numbers(view), self._frame(size))
+        return formed(detached(planes), self._numbers(view), self._size(size))
 
     def backward(self, planes: list, gradient: list, view: int, size: tuple[int, int], step: int) -> list:
         """The gradient by the planes, of that by ``applied``; the numbers of the view take their step of Adam."""
-        numbers, frame = self._numbers(view), self._frame(size)
-        by_planes, rows = formed_gradients(detached(planes), numbers, frame, detached(gradient))
-        sums = dr.block_sum(rows, dr.width(frame.lane))
+        numbers, image_size = self._numbers(view), self._size(size)
+        by_planes, rows = formed_gradients(detached(planes), numbers, image_size, detached(gradient))
+        sums = dr.block_sum(rows, dr.width(image_size.lane))
         by_numbers = dr.gather(type(sums), sums, dr.arange(dr.uint32_array_t(sums), N_NUMBERS))
-        reach = dr.gather(type(sums), sums, N_NUMBERS) * frame.inv_values
+        reach = dr.gather(type(sums), sums, N_NUMBERS) * image_size.inv_values
         by_numbers += reach * self.stiffness * numbers / (1 + dr.square(numbers * self.inv_bend))
         self._step(view, by_numbers, self.rate * END ** min(step / self.total_steps, 1.0))
         return by_planes
@@ -115,7 +115,7 @@ class LearnedAppearance:
         dr.eval(numbers)
         return numbers
 
-    def _frame(self, size: tuple[int, int]) -> Frame:
-        if size not in self._frames:
-            self._frames[size] = Frame.of(*size)
-        return self._frames[size]
+    def _size(self, size: tuple[int, int]) -> ImageSize:
+        if size not in self._sizes:
+            self._sizes[size] = ImageSize.of(*size)
+        return self._sizes[size]

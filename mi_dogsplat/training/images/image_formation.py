@@ -24,7 +24,7 @@ PIXELS = 8  # that a lane of the gradient adds up
 
 
 @dataclass
-class Frame:
+class ImageSize:
     """What the kernels need to know about an image size."""
 
     size: int  # pixels; being no array it tells recordings apart, which hold the sizes of what they make
@@ -37,14 +37,14 @@ class Frame:
     lane: Any  # 0, 1, 2, ..., one for PIXELS pixels
 
     @staticmethod
-    def of(width: int, height: int) -> Frame:
+    def of(width: int, height: int) -> ImageSize:
         n, corner_sq = width * height, (width / 2) ** 2 + (height / 2) ** 2
         lane = detached(device_array(np.arange(-(-n // PIXELS)), mi.UInt32))
         middle = [dr.opaque(array_types().Float, v / 2) for v in (width, height)]
         inv_corner_sq = dr.opaque(array_types().Float, 1 / corner_sq)
         inv_values = dr.opaque(array_types().Float, 1 / (3 * n))
         columns, pixels = (dr.opaque(array_types().UInt, v) for v in (width, n))
-        return Frame(n, columns, middle[0], middle[1], inv_corner_sq, pixels, inv_values, lane)
+        return ImageSize(n, columns, middle[0], middle[1], inv_corner_sq, pixels, inv_values, lane)
 
     def radius_squared(self, pixel: Any) -> Any:
         """1 at the corner."""
@@ -55,40 +55,40 @@ class Frame:
 
 
 @frozen
-def formed(planes: list, numbers: Any, frame: Frame) -> list:
+def formed(planes: list, numbers: Any, image: ImageSize) -> list:
     """Planes [H W] of the photograph that a camera takes of three rendered ones; ``numbers`` [5] on the device."""
-    pixel = dr.arange(array_types().UInt, frame.size)
-    factors = _Chain(numbers).factors(frame.radius_squared(pixel))
+    pixel = dr.arange(array_types().UInt, image.size)
+    factors = _Chain(numbers).factors(image.radius_squared(pixel))
     photograph = [encoded(factor * decoded(plane)) for factor, plane in zip(factors, planes, strict=True)]
     dr.eval(photograph)
     return photograph
 
 
 @frozen
-def formed_gradients(planes: list, numbers: Any, frame: Frame, adjoint: list) -> tuple[list, Any]:
+def formed_gradients(planes: list, numbers: Any, image: ImageSize, adjoint: list) -> tuple[list, Any]:
     """The gradients of Σ adjoint · formed by the planes, and sums as [6 lanes], one after the other.
 
     The sums, of whose lanes the sum is left to be taken, are the gradient by the five numbers, and that of Σ formed by
     one gain for all channels: how far the photograph could follow it.
     """
     Float, UInt = array_types().Float, array_types().UInt
-    chain, lanes = _Chain(numbers), -(-frame.size // PIXELS)
-    n_lanes = (frame.n_pixels + (PIXELS - 1)) // PIXELS
-    by_planes = [dr.empty(Float, frame.size) for _ in range(3)]
+    chain, lanes = _Chain(numbers), -(-image.size // PIXELS)
+    n_lanes = (image.n_pixels + (PIXELS - 1)) // PIXELS
+    by_planes = [dr.empty(Float, image.size) for _ in range(3)]
 
     def body(pixel: Any, sums: list) -> tuple:
         c, δ = ([dr.gather(Float, plane, pixel) for plane in of] for of in (planes, adjoint))
-        by_c, terms = chain.gradients(c, frame.radius_squared(pixel), δ)
+        by_c, terms = chain.gradients(c, image.radius_squared(pixel), δ)
         for plane, value in zip(by_planes, by_c, strict=True):
             dr.scatter(plane, value, pixel, mode=dr.ReduceMode.Permute)
         return pixel + n_lanes, [s + t for s, t in zip(sums, terms, strict=True)]
 
     zeros = [Float(0) for _ in range(N_SUMS)]
-    state = (UInt(frame.lane), zeros)
-    _, sums = while_loop(state, lambda pixel, sums: pixel < frame.n_pixels, body, "image formation")
+    state = (UInt(image.lane), zeros)
+    _, sums = while_loop(state, lambda pixel, sums: pixel < image.n_pixels, body, "image formation")
     rows = dr.empty(Float, N_SUMS * lanes)
     for k, total in enumerate(sums):
-        dr.scatter(rows, total, dr.fma(n_lanes, k, frame.lane), mode=dr.ReduceMode.Permute)
+        dr.scatter(rows, total, dr.fma(n_lanes, k, image.lane), mode=dr.ReduceMode.Permute)
     dr.eval(by_planes, rows)
     return by_planes, rows
 

@@ -42,8 +42,8 @@ C1, C2 = 0.01**2, 0.03**2
 
 
 @dataclass
-class Grid:
-    """What the kernels need to know about an image size."""
+class Sweeps:
+    """The blurs of an image of some size along both axes, and what else the kernels need to know about it."""
 
     n_values: int
     along_y: Sweep
@@ -51,8 +51,8 @@ class Grid:
     most: float = 1.0  # that images are clamped to
 
     @staticmethod
-    def of(width: int, height: int, most: float = 1.0) -> Grid:
-        return Grid(3 * width * height, Sweep.of(height, width), Sweep.of(width, height), most)
+    def of(width: int, height: int, most: float = 1.0) -> Sweeps:
+        return Sweeps(3 * width * height, Sweep.of(height, width), Sweep.of(width, height), most)
 
 
 @dataclass
@@ -66,15 +66,15 @@ class Target:
 
     width: int
     height: int
-    grid: Grid
+    sweeps: Sweeps
     rows: list
     mean: list
     mean_sq: list
 
     @staticmethod
-    def of(y: Any, width: int, height: int, grid: Grid) -> Target:
+    def of(y: Any, width: int, height: int, sweeps: Sweeps) -> Target:
         """``y``: the image as an evaluated array, planar, [3 H W]."""
-        return Target(width, height, grid, *_rows_and_moments(y, grid))
+        return Target(width, height, sweeps, *_rows_and_moments(y, sweeps))
 
 
 class PhotometricLoss:
@@ -86,7 +86,7 @@ class PhotometricLoss:
 
     def __init__(self, dssim_weight: float = 0.2, most: float = 1.0):
         self.dssim_weight, self.most = dssim_weight, most
-        self._grids: dict[tuple[str | None, int, int], Grid] = {}
+        self._sweeps_of_sizes: dict[tuple[str | None, int, int], Sweeps] = {}
 
     def target(self, image: np.ndarray) -> Target:
         """Prepare a training image [H, W, 3]. Raises ValueError for another shape."""
@@ -94,18 +94,18 @@ class PhotometricLoss:
             raise ValueError(f"target: image has shape {image.shape}; [height, width, 3] is needed")
         height, width = image.shape[:2]
         y = detached(device_array(image.transpose(2, 0, 1)))  # [3 H W]
-        return Target.of(y, width, height, self._grid(width, height))
+        return Target.of(y, width, height, self._sweeps(width, height))
 
     def target_of_planes(self, planes: list[Any], width: int, height: int) -> Target:
         """Prepare a training image that is on the device already, as three planes [H W] or one array [3 H W]."""
-        grid = self._grid(width, height)
-        return Target.of(self._joined(planes, grid), width, height, grid)
+        sweeps = self._sweeps(width, height)
+        return Target.of(self._joined(planes, sweeps), width, height, sweeps)
 
-    def _grid(self, width: int, height: int) -> Grid:
+    def _sweeps(self, width: int, height: int) -> Sweeps:
         key = (mi.variant(), width, height)
-        if key not in self._grids:
-            self._grids[key] = Grid.of(width, height, self.most)
-        return self._grids[key]
+        if key not in self._sweeps_of_sizes:
+            self._sweeps_of_sizes[key] = Sweeps.of(width, height, self.most)
+        return self._sweeps_of_sizes[key]
 
     def value_and_gradient(self, image: Any, target: Target) -> tuple[Any, Any, Any, Any]:
         """L1, 1 - SSIM, the loss (one value each, not waited for), and d loss / d image in the form given.
@@ -115,60 +115,60 @@ class PhotometricLoss:
         """
         joined = self._join(image, target, "value_and_gradient")
         weights = {"l1": 1 - self.dssim_weight, "ssim": -self.dssim_weight, "all": 1}
-        scales = [constant(type(joined), name, w / target.grid.n_values) for name, w in weights.items()]
+        scales = [constant(type(joined), name, w / target.sweeps.n_values) for name, w in weights.items()]
         l1_scale, ssim_scale, scale = scales
         l1_sum, ssim_sum, gradient = _sums_and_gradient(joined, target, l1_scale, ssim_scale)
         l1, dssim = l1_sum * scale, 1 - ssim_sum * scale
         if isinstance(image, (list, tuple)) and len(image) == 3:
-            gradient = [dr.gather(type(joined), gradient, at) for at in self._plane_indices(target.grid)]
+            gradient = [dr.gather(type(joined), gradient, at) for at in self._plane_indices(target.sweeps)]
         return l1, dssim, dr.lerp(l1, dssim, self.dssim_weight), gradient
 
     def l1(self, image: Any, target: Target) -> Any:
         """The L1 of ``value_and_gradient`` alone, for less than the half of its work."""
         joined = self._join(image, target, "l1")
-        sweep, total = target.grid.along_y, type(joined)(0)
+        sweep, total = target.sweeps.along_y, type(joined)(0)
         for (index, inside), y in zip(sweep.indices(sweep.columns, range(BLOCK)), target.rows, strict=True):
-            total += dr.abs(dr.clip(dr.gather(type(joined), joined, index, inside), 0, target.grid.most) - y)
-        return dr.sum(total) * dr.opaque(type(joined), 1 / target.grid.n_values)
+            total += dr.abs(dr.clip(dr.gather(type(joined), joined, index, inside), 0, target.sweeps.most) - y)
+        return dr.sum(total) * dr.opaque(type(joined), 1 / target.sweeps.n_values)
 
-    def _plane_indices(self, grid: Grid) -> list[Any]:
+    def _plane_indices(self, sweeps: Sweeps) -> list[Any]:
         """Where each of the three planes lies in the joined array."""
-        sweep = grid.along_y
-        pixel = dr.arange(type(sweep.column), grid.n_values // 3)
+        sweep = sweeps.along_y
+        pixel = dr.arange(type(sweep.column), sweeps.n_values // 3)
         return [dr.fma(sweep.rows * c, sweep.columns, pixel) for c in range(3)]
 
     def _join(self, image: Any, target: Target, caller: str) -> Any:
         """Three planes (evaluated or not), or one, as one evaluated array, in one kernel; their sizes checked."""
         planes = list(image) if isinstance(image, (list, tuple)) else [image]
-        n, sizes = target.grid.n_values, [dr.width(p) for p in planes]
+        n, sizes = target.sweeps.n_values, [dr.width(p) for p in planes]
         if sizes != [n // 3] * 3 and sizes != [n]:
             raise ValueError(
                 f"{caller}: image has planes of {sizes} values, "
                 f"target {target.width}x{target.height} needs three of {n // 3} (or all in one)"
             )
-        return self._joined(planes, target.grid)
+        return self._joined(planes, target.sweeps)
 
-    def _joined(self, planes: list[Any], grid: Grid) -> Any:
+    def _joined(self, planes: list[Any], sweeps: Sweeps) -> Any:
         planes = detached(planes)
         if len(planes) == 1:
             joined = planes[0]
         else:
-            joined = dr.empty(type(planes[0]), grid.n_values)
-            for plane, at in zip(planes, self._plane_indices(grid), strict=True):
+            joined = dr.empty(type(planes[0]), sweeps.n_values)
+            for plane, at in zip(planes, self._plane_indices(sweeps), strict=True):
                 dr.scatter(joined, plane, at, mode=dr.ReduceMode.Permute)
         dr.eval(joined)
         return joined
 
 
 @frozen
-def _rows_and_moments(y: Any, grid: Grid) -> tuple[list, list, list]:
+def _rows_and_moments(y: Any, sweeps: Sweeps) -> tuple[list, list, list]:
     """``rows``, ``mean`` and ``mean_sq`` of a ``Target``."""
-    at = grid.along_y.indices(grid.along_y.columns, range(BLOCK))
+    at = sweeps.along_y.indices(sweeps.along_y.columns, range(BLOCK))
     rows = [dr.gather(type(y), y, index, inside) for index, inside in at]
     dr.eval(rows)
-    (values,) = grid.along_y.values_from_blocks([rows])
-    blurred = grid.along_y.store_transposed([blur(values), blur([v * v for v in values])])
-    mean, mean_sq = (blur(v) for v in grid.along_x.values(blurred, grid.along_y.transposed_stride))
+    (values,) = sweeps.along_y.values_from_blocks([rows])
+    blurred = sweeps.along_y.store_transposed([blur(values), blur([v * v for v in values])])
+    mean, mean_sq = (blur(v) for v in sweeps.along_x.values(blurred, sweeps.along_y.transposed_stride))
     dr.eval(mean, mean_sq)
     return rows, mean, mean_sq
 
@@ -183,8 +183,8 @@ def _sums_and_gradient(image: Any, target: Target, l1_scale: Any, ssim_scale: An
 
 def _moments_along_y(image: Any, target: Target) -> list[Any]:
     """Pass 1: x, x^2 and xy blurred along y; planes [3, W, H padded]."""
-    sweep = target.grid.along_y
-    x = [dr.clip(v, 0, target.grid.most) for v in sweep.values([image], sweep.columns)[0]]
+    sweep = target.sweeps.along_y
+    x = [dr.clip(v, 0, target.sweeps.most) for v in sweep.values([image], sweep.columns)[0]]
     (y,) = sweep.values_from_blocks([target.rows])
     x_sq, xy = [a * a for a in x], [a * b for a, b in zip(x, y, strict=True)]
     return sweep.store_transposed([blur(x), blur(x_sq), blur(xy)])
@@ -192,8 +192,8 @@ def _moments_along_y(image: Any, target: Target) -> list[Any]:
 
 def _ssim(blurred: list[Any], target: Target) -> tuple[Any, list[Any]]:
     """Passes 2 and 3: the sum of SSIM; its derivatives blurred along x, planes [3, H, W padded]."""
-    sweep = target.grid.along_x
-    moments = [blur(v) for v in sweep.values(blurred, target.grid.along_y.transposed_stride)]
+    sweep = target.sweeps.along_x
+    moments = [blur(v) for v in sweep.values(blurred, target.sweeps.along_y.transposed_stride)]
     ssim_sum = type(blurred[0])(0)
     derivatives: list[list[Any]] = [[], [], []]
     for k, (mx, xx, xy, my, yy) in enumerate(zip(*moments, target.mean, target.mean_sq, strict=True)):
@@ -214,14 +214,14 @@ def _ssim(blurred: list[Any], target: Target) -> tuple[Any, list[Any]]:
 
 def _combine(image: Any, derivatives: list[Any], target: Target, l1_scale: Any, ssim_scale: Any) -> tuple[Any, Any]:
     """Pass 4: the sum of |x - y|, and the gradient of the loss."""
-    sweep = target.grid.along_y
+    sweep = target.sweeps.along_y
     Float: Any = type(image)
-    means = [blur(v) for v in sweep.values(derivatives, target.grid.along_x.transposed_stride)]
-    l1_sum, gradient = Float(0), dr.empty(Float, target.grid.n_values)
+    means = [blur(v) for v in sweep.values(derivatives, target.sweeps.along_x.transposed_stride)]
+    l1_sum, gradient = Float(0), dr.empty(Float, target.sweeps.n_values)
     at = sweep.indices(sweep.columns, range(BLOCK))
     for (index, inside), y, d_mean, d_sq, d_xy in zip(at, target.rows, *means, strict=True):
         raw = dr.gather(Float, image, index, inside)
-        x = dr.clip(raw, 0, target.grid.most)
+        x = dr.clip(raw, 0, target.sweeps.most)
         difference = x - y
         l1_sum += dr.abs(difference)
         d_ssim = dr.fma(2 * x, d_sq, dr.fma(y, d_xy, d_mean))

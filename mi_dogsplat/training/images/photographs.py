@@ -20,8 +20,8 @@ from ...datasets.dataset import View, as_bytes, seen_by
 from ...datasets.images import box_downscale
 from ...datasets.masks import Masks, all_black
 from ...engine.arrays import detached
+from ...engine.device_camera import DeviceCamera
 from ...engine.parameters import device_array, device_bytes
-from ...engine.project import DeviceCamera
 from ...engine.rasterize import Frame
 from ...render.picture import over_background
 from ...support.errors import DataError

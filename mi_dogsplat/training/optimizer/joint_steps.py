@@ -14,8 +14,8 @@ from .triangles import entries_of, kept_of, n_pairs
 
 
 @dataclass(frozen=True)
-class TrainedArray:
-    """An array in Adam, flat and row-major, in rows of ``size`` numbers."""
+class JointArray:
+    """One of the arrays whose numbers move together, flat and row-major, in rows of ``size`` numbers."""
 
     size: int
     row: Any  # [N] of each primitive, or NO_ROW; None where row i is that of primitive i
@@ -55,7 +55,7 @@ class Numbers:
 
 
 @frozen_for_sizes
-def joint_steps(arrays: list[TrainedArray], of_arrays: list, products: list, numbers: Numbers) -> tuple[list, list]:
+def joint_steps(arrays: list[JointArray], of_arrays: list, products: list, numbers: Numbers) -> tuple[list, list]:
     """A step of each primitive.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ...engine.parameters import RAW_DOG, RAW_OWN_AXES, RAW_SHIFTS
+from ...engine.parameters import RAW_OF_GROUPS
 from ..milestones import scaled_milestone
 from .preconditioning import Preconditioning
 from .sh_rows import SH_INDEX
@@ -86,8 +86,7 @@ class LearningRates:
         progress = min(step / max(self.total_steps, 1), 1.0)
         means = self.extent * self.means_start * (self.means_end / self.means_start) ** progress
         dense = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest")
-        names = (*dense, *RAW_DOG, *RAW_OWN_AXES, *RAW_SHIFTS)
-        rates = {"means": means} | {name: getattr(self, name) for name in names}
+        rates = {"means": means} | {name: getattr(self, name) for name in (*dense, *RAW_OF_GROUPS)}
         if rule := self.refinement:
             here = step, self.total_steps, self.views, n
             rates = {name: rate * rule.factor(name, *here) for name, rate in rates.items()}

@@ -27,7 +27,7 @@ from ...engine.arrays import detached
 from ...scene.row_groups import DOG, PLANES, RowGroup
 from ..milestones import scaled_milestone
 from .adam import Entry, biases
-from .joint_steps import Numbers, TrainedArray, joint_steps
+from .joint_steps import JointArray, Numbers, joint_steps
 from .triangles import n_pairs, to_host, upload
 
 IN_GROUPS = DOG, *PLANES
@@ -101,12 +101,12 @@ class Preconditioner:
             views: whose gradients were averaged.
         """
         entries = {name: Entry.of(adam, name) for name in before}
-        arrays: dict[str, TrainedArray] = {}
+        arrays: dict[str, JointArray] = {}
         for name, e in entries.items():
             group = GROUP.get(name)
             of_group = (detached(rows[group.row]), detached(rows[group.index])) if group else (None, None)
             value, gradient = before[name]
-            arrays[name] = TrainedArray(sizes[name], *of_group, value, gradient, detached(e.m), detached(e.v))
+            arrays[name] = JointArray(sizes[name], *of_group, value, gradient, detached(e.m), detached(e.v))
         self._know(arrays)
         of_arrays = [[self.rule.gain * e.rate, *biases(adam, e.steps)] for e in entries.values()]
         numbers = Numbers(PRIOR, self.rule.memory**views, self.rule.damping, adam.epsilon)
@@ -145,7 +145,7 @@ class Preconditioner:
                 raise ValueError(f'SplatOptimizer.restore: "{key}" of the state does not fit its {n} primitives')
             self._keep(saved[key])
 
-    def _know(self, arrays: Mapping[str, TrainedArray]) -> None:
+    def _know(self, arrays: Mapping[str, JointArray]) -> None:
         """Entries for columns that are new."""
         columns = [(name, k) for name, array in arrays.items() for k in range(array.size)]
         if columns == self.columns:

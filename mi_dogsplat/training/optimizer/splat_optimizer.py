@@ -92,12 +92,7 @@ class SplatOptimizer(TrainedArrays):
     @property
     def n_slopes(self) -> int:
         """Number of primitives whose colour varies over them."""
-        return len(self.slope_index)
-
-    @property
-    def slope_index(self) -> np.ndarray:
-        """[S] which primitives have slopes."""
-        return self.index_of(SLOPES)
+        return len(self.index_of(SLOPES))
 
     @property
     def n_curvatures(self) -> int:
@@ -107,12 +102,7 @@ class SplatOptimizer(TrainedArrays):
     @property
     def n_cuts(self) -> int:
         """Number of primitives that a plane cuts off."""
-        return len(self.cut_index)
-
-    @property
-    def cut_index(self) -> np.ndarray:
-        """[C] which primitives have a cut."""
-        return self.index_of(CUTS)
+        return len(self.index_of(CUTS))
 
     @property
     def n_second_cuts(self) -> int:
@@ -146,24 +136,6 @@ class SplatOptimizer(TrainedArrays):
         """
         values = {"dog_logit_opacities": logit_opacities, "dog_log_scales": log_scales}
         self.set_rows(DOG, dog_index, values)
-
-    def set_slopes(self, slope_index: np.ndarray, color_slopes: np.ndarray) -> None:
-        """Give slopes to exactly the primitives ``slope_index``; those that already had some keep their moments.
-
-        Args:
-            slope_index: [S] strictly increasing; none leaves every primitive in one colour all over.
-            color_slopes: [S, 3, 3] as in ``Splats``.
-        """
-        self.set_rows(SLOPES, slope_index, {"color_slopes": color_slopes})
-
-    def set_cuts(self, cut_index: np.ndarray, cut_normals: np.ndarray) -> None:
-        """Cut exactly the primitives ``cut_index`` off; those that were already keep their moments.
-
-        Args:
-            cut_index: [C] strictly increasing; none leaves every primitive whole.
-            cut_normals: [C, 3] as in ``Splats``.
-        """
-        self.set_rows(CUTS, cut_index, {"cut_normals": cut_normals})
 
     def set_rows(self, group: RowGroup, index: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
         """Give rows of a group to exactly the primitives ``index`` [M]; those that had one keep their moments.

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...engine.device_camera import DeviceCamera
 from ...engine.options import RasterOptions
-from ...engine.project import DeviceCamera
 from ...formats.coded import CODED, STEPS
 from ...formats.grids import LLOYD_ROUNDS, Extents, FileGrids, Palette, Steps
 from ...formats.symmetries import nearest_to_identity

@@ -45,15 +45,19 @@ def allocate(values: np.ndarray, prices: np.ndarray, budget: float) -> np.ndarra
     if n == 0 or bytes_of(most) <= budget:
         return most
     ratios = values[:, 1:] / prices[:, 1:]
-    # the bits of positive floats are in their order: bisection ends at two neighbours
+
+    def price_of(bits: int) -> float:
+        """The bits of positive floats are in their order: bisection ends at two neighbours."""
+        return float(np.array(bits).view(np.float64))
+
     low, high = 0, int(np.array(ratios.max(initial=0), np.float64).view(np.int64)) + 1
     while high - low > 1:
         middle = (low + high) // 2
-        if bytes_of(chosen(float(np.array(middle).view(np.float64)))) <= budget:
+        if bytes_of(chosen(price_of(middle))) <= budget:
             high = middle
         else:
             low = middle
-    choice, more = (chosen(float(np.array(bits).view(np.float64))) for bits in (high, low))
+    choice, more = chosen(price_of(high)), chosen(price_of(low))
     # increments of one gain per byte, which do not all fit: as many as do
     tied = np.flatnonzero(choice != more)
     added = prices[tied, more[tied]] - prices[tied, choice[tied]]

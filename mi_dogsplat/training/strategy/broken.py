@@ -19,16 +19,16 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.geometry import Cutoffs
-from ...engine.parameters import RAW_CURVATURES, RAW_CUTS, RAW_SLOPES
 from ...engine.project import NO_ROW
+from ...scene.row_groups import CURVATURES, PLANES, SLOPES
 from ...scene.sh_basis import C0
 from ..optimizer.group_rows import SPARSE_ROW
 from ..optimizer.sh_rows import SH_INDEX
 from ..optimizer.splat_optimizer import SplatOptimizer
 
-OF_COLORS = RAW_SLOPES + RAW_CURVATURES
-MAX_COLOR = 1 / Cutoffs().alpha  # of a slope, per standard deviation; trained models stay below 2
-MAX_SH = MAX_COLOR / C0  # 904; trained models stay below 10
+OF_COLORS = SLOPES.names + CURVATURES.names
+NORMALS = [name for plane in PLANES for name in plane.names]
+MAX_COLOR = 1 / Cutoffs().alpha  # trained models stay below 3; of a slope, per standard deviation, below 2
 MAX_RADIANCE = 1e6  # instead of MAX_COLOR where images are linear, in units of white; the sun is below 1e5
 MAX_NORMAL = 1e4  # of a cut, per standard deviation; trained models stay below 200
 MAX_SCALE = 1e4  # times the extent of the cameras; trained models stay below 10
@@ -46,7 +46,7 @@ def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
     nobody = dr.full(mi.UInt32, NO_ROW, 1)
     brightest = MAX_RADIANCE if optimizer.curve else MAX_COLOR
     colors = dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), brightest / C0) | dict.fromkeys(OF_COLORS, brightest)
-    limits = {"log_scales": math.log(MAX_SCALE * extent), **colors, **dict.fromkeys(RAW_CUTS, MAX_NORMAL)}
+    limits = {"log_scales": math.log(MAX_SCALE * extent), **colors, **dict.fromkeys(NORMALS, MAX_NORMAL)}
     sound, of_groups = dr.full(mi.Bool, True, optimizer.n), []
     for name, values in optimizer.adam.items():
         if name in SPARSE_ROW:

@@ -164,24 +164,33 @@ def by_gradient(
         remove |= stats.max_radius.numpy() > rule.max_screen_radius
         remove |= halved > limit
         to_halve = ~remove & (largest > limit)
-    if remove.all():
-        remove[np.argmax(opacity)] = False  # an empty model cannot recover
-
+    _spare_one(remove, opacity)
     grow &= ~remove
     if rule.max_primitives is not None:
-        room = rule.max_primitives - int(np.sum(~remove & ~to_halve))
-        candidates = np.flatnonzero(grow)
-        candidates = candidates[np.argsort(-gradient[candidates], kind="stable")]
-        rows = np.cumsum(1 + to_halve[candidates])  # one more each, and both halves of what does not stay as it is
-        grow = np.zeros(n, bool)
-        grow[candidates[rows <= room]] = True
+        grow = _within(rule.max_primitives, grow, remove, to_halve, gradient)
         remove |= to_halve & ~grow
-        if remove.all():
-            remove[np.argmax(opacity)] = False
+        _spare_one(remove, opacity)
         if np.sum(~remove) > rule.max_primitives:  # a start above the cap
             alive = np.flatnonzero(~remove)
             remove[alive[np.argsort(-opacity[alive], kind="stable")[rule.max_primitives :]]] = True
     return Choice(grow, small, remove)
+
+
+def _spare_one(remove: np.ndarray, opacity: np.ndarray) -> None:
+    """Keep the most opaque where all are about to be removed: an empty model cannot recover."""
+    if remove.all():
+        remove[np.argmax(opacity)] = False
+
+
+def _within(most: int, grow: np.ndarray, remove: np.ndarray, to_halve: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """[N] those that ``grow`` and fit into ``most`` rows, by gradient; who is ``to_halve`` stays only as halves."""
+    room = most - int(np.sum(~remove & ~to_halve))
+    candidates = np.flatnonzero(grow)
+    candidates = candidates[np.argsort(-gradient[candidates], kind="stable")]
+    rows = np.cumsum(1 + to_halve[candidates])  # one more each, and both halves of what does not stay as it is
+    fitting = np.zeros(len(grow), bool)
+    fitting[candidates[rows <= room]] = True
+    return fitting
 
 
 def grow_and_remove(

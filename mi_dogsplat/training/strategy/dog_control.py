@@ -69,7 +69,7 @@ def degenerate(rule: DogRule, optimizer: SplatOptimizer) -> None:
     """
     if not rule.control:
         return
-    params = {name: dr.detach(value) for name, value in optimizer.params.items()}
+    params = dr.detach(optimizer.params)
     if "dog_row" not in params:
         return
     splat, row = dr.arange(mi.UInt32, optimizer.n), params["dog_row"]  # one lane per primitive

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...formats.sizes import Prices
-from ...scene.row_groups import MAX_SH_DEGREE
+from ...scene.row_groups import CURVATURES, CUTS, DOG, MAX_SH_DEGREE, SECOND_CUTS, SLOPES, RowGroup
 from ...scene.splats import Splats
 from ...scores.bands import Bands, bands
 from ...scores.score import ScoreRule, energies
@@ -27,9 +27,9 @@ from .allocation import allocate
 from .strategy import Training
 
 REMOVAL = ScoreRule("leave-one-out", spectral_weight=0.0)
-DOG = ScoreRule("leave-dog-out", spectral_weight=0.0)
-CUT = ScoreRule("leave-cut-out", spectral_weight=0.0)
-SECOND_CUT = ScoreRule("leave-second-cut-out", spectral_weight=0.0)
+NO_DOG = ScoreRule("leave-dog-out", spectral_weight=0.0)
+NO_CUT = ScoreRule("leave-cut-out", spectral_weight=0.0)
+NO_SECOND_CUT = ScoreRule("leave-second-cut-out", spectral_weight=0.0)
 DEGREES = MAX_SH_DEGREE + 1
 NEVER = 1e6  # times as much as the primitive that matters most
 GROUPS = "dog", "slopes", "curvatures", "cuts", "second_cuts"  # each a field of ``Options``, ``Chosen`` and ``Prices``
@@ -105,19 +105,19 @@ class Options:
         def energy(rule: ScoreRule) -> np.ndarray:
             return energies(replace(rule, curve=curve), params, cameras, options, background, 0, masks)[0]
 
-        sloped = (lambda: slope_losses(params, cameras, options, seen)) if t.optimizer.n_slopes else None
-        curved = (lambda: curvature_losses(params, cameras, options, seen)) if t.optimizer.n_curvatures else None
-        cut = (lambda: energy(CUT)) if t.optimizer.n_cuts else None
-        second_cut = (lambda: energy(SECOND_CUT)) if t.optimizer.n_second_cuts else None
-        rows = (
-            Rows.of(splats.dog_index, n, lambda: energy(DOG)),
-            Rows.of(splats.slope_index, n, sloped),
-            Rows.of(splats.curvature_index, n, curved),
-            Rows.of(splats.cut_index, n, cut),
-            Rows.of(splats.second_cut_index, n, second_cut),
+        def rows(group: RowGroup, loss: Callable[[], np.ndarray]) -> Rows:
+            measured = loss if len(t.optimizer.index_of(group)) else None
+            return Rows.of(getattr(splats, group.index), n, measured)
+
+        of_groups = (
+            rows(DOG, lambda: energy(NO_DOG)),
+            rows(SLOPES, lambda: slope_losses(params, cameras, options, seen)),
+            rows(CURVATURES, lambda: curvature_losses(params, cameras, options, seen)),
+            rows(CUTS, lambda: energy(NO_CUT)),
+            rows(SECOND_CUTS, lambda: energy(NO_SECOND_CUT)),
         )
         shifted = np.isin(np.arange(n), splats.shift_index)
-        return cls(energy(REMOVAL), found.losses(), splats.sh_degrees, *rows, shifted, found)
+        return cls(energy(REMOVAL), found.losses(), splats.sh_degrees, *of_groups, shifted, found)
 
     def of_whole_primitives(self, means: np.ndarray) -> Options:
         """The same, when a primitive can only go or stay as it is; those that are outermost are the last to go.
@@ -148,7 +148,7 @@ class Options:
             bytes_of = bytes_of + prices.shifts * np.outer(self.shifted, bytes_of > 0)  # [N, options]
         choice = allocate(values, bytes_of, max(0.0, budget - prices.fixed))
         kept = np.flatnonzero(choice)
-        what = choice[kept] - 1
+        what = choice[kept] - 1  # degree, and DEGREES << k if it keeps its row of the k-th of these groups
         left = dict.fromkeys(GROUPS, NOBODY)
         left |= {name: np.flatnonzero(what // (DEGREES << k) % 2) for k, name in enumerate(groups)}
         return Chosen(kept, what % DEGREES, **left)

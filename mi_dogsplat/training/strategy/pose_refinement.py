@@ -107,6 +107,7 @@ class PoseRefinement(Strategy[Poses]):
         return [PosesRefined(float(np.median(shifts)), float(np.degrees(np.median(turns))))]
 
     def _step(self, t: Training, state: Poses) -> None:
+        """Move all views by the gradients of a turn, and begin the next one. Waits for the device."""
         by_pose = state.gradient.numpy().astype(np.float64).reshape(-1, 6) / state.counts[:, None]
         by_pose[~np.isfinite(by_pose).all(axis=1)] = 0
         gradient = motion_gradient(state.given, state.motions, t.extent, by_pose)

@@ -13,6 +13,7 @@ With ``--batch-views K`` all from the view to ``after_backward`` comes K times i
 and Adam takes a Kth of the sum: what a strategy adds for each view counts once. Each hook is called for all strategies
 in their order in the recipe. ``begin`` comes once before the first step, also of a run that goes on from a checkpoint;
 ``end`` after the last one of the run.
+
 A strategy of your own stands in ``Recipe.also``, between the control of density and pruning:
 
     @dataclass(frozen=True)
@@ -40,21 +41,20 @@ import numpy as np
 
 from ...datasets.dataset import View
 from ...engine.arrays import detached
+from ...engine.device_camera import DeviceCamera
 from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
-from ...engine.project import DeviceCamera
 from ...engine.rasterize import Frame
 from ...render.picture import Picture
 from ...scores.score import Score
 from ..events import Event
-from ..footprint import Budget
-from ..losses import LossMeans
+from ..loss_means import LossMeans
+from ..memory_budget import Budget
 from ..optimizer.splat_optimizer import SplatOptimizer
 
 if TYPE_CHECKING:
-    from ..images.photographs import (
-        Photographs,  # needs the extra "train"; recipes, behind the flags of any command, do not
-    )
+    # needs the extra "train", which recipes, behind the flags of any command, do not
+    from ..images.photographs import Photographs
 
 S = TypeVar("S")
 

@@ -8,7 +8,7 @@ from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.reference import image_formation as reference
 from mi_dogsplat.scene.appearance import N_NUMBERS, photographed, radii_squared
 from mi_dogsplat.scene.cameras import Camera
-from mi_dogsplat.training.images.image_formation import N_SUMS, PIXELS, Frame, formed, formed_gradients
+from mi_dogsplat.training.images.image_formation import N_SUMS, PIXELS, ImageSize, formed, formed_gradients
 
 SIZE = 13, 7  # no multiple of PIXELS
 CAMERA = Camera(np.eye(4), 10.0, 10.0, 6.0, 3.0, *SIZE)
@@ -34,7 +34,7 @@ def image_of(planes: list) -> np.ndarray:
 def test_the_kernels_are_the_chain_in_float64_and_its_gradient(seed):
     image, adjoint, numbers = example(seed)
     assert image.shape[0] * image.shape[1] % PIXELS
-    r_sq, frame, on_device = radii_squared(CAMERA), Frame.of(*SIZE), array_types().Float(numbers.astype(np.float32))
+    r_sq, frame, on_device = radii_squared(CAMERA), ImageSize.of(*SIZE), array_types().Float(numbers.astype(np.float32))
     got = image_of(formed(planes_of(image), on_device, frame))
     np.testing.assert_allclose(got, reference.formed(image, r_sq, numbers), atol=1e-5, rtol=1e-5)
     by_planes, rows = formed_gradients(planes_of(image), on_device, frame, planes_of(adjoint))
@@ -52,7 +52,7 @@ def test_sizes_take_turns():
     for size in ((13, 7), (5, 4), (13, 7), (40, 30)):
         image = np.random.default_rng(0).uniform(size=(size[1], size[0], 3))
         camera = Camera(np.eye(4), 10.0, 10.0, 2.0, 2.0, *size)
-        frame, planes = Frame.of(*size), planes_of(image)
+        frame, planes = ImageSize.of(*size), planes_of(image)
         by_planes, rows = formed_gradients(planes, numbers, frame, planes)
         by_image, by_numbers = reference.formed_gradients(image, radii_squared(camera), np.full(N_NUMBERS, 0.1), image)
         got = np.stack([plane.numpy() for plane in by_planes], -1).reshape(image.shape)

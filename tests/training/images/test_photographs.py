@@ -26,9 +26,9 @@ from mi_dogsplat.scene.appearance import APPEARANCE, read_appearance
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Dropped
-from mi_dogsplat.training.footprint import budget
 from mi_dogsplat.training.images.loss import PhotometricLoss
 from mi_dogsplat.training.images.photographs import READ_AHEAD, Photographs
+from mi_dogsplat.training.memory_budget import budget
 from mi_dogsplat.training.strategy.sieve import near_cameras
 from mi_dogsplat.training.train import Trainer
 from photographs import PIXELS, SHAPE, changed, config_of, image_of, left_half, planes_of, trained, write_masks

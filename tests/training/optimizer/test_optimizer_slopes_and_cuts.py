@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.engine.parameters import ROWS, upload
+from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import NO_ROW
 from mi_dogsplat.scene.kinds import COUNTED
 from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, OWN_AXES, PLANES, SECOND_CUTS, SLOPES, RowGroup
@@ -32,7 +32,7 @@ def rows_of(group: RowGroup, values) -> np.ndarray:
 
 
 def params_of(group: RowGroup) -> set[str]:
-    return {name_of(group), group.index, ROWS[group.index]}
+    return {name_of(group), group.index, group.row}
 
 
 def optimizer_of(group: RowGroup, index=(1, 4, 6), n: int = 8, degree: int = 1) -> SplatOptimizer:
@@ -61,11 +61,11 @@ def test_slopes_and_cuts_of_one_model_do_not_mix():
     after = optimizer.to_splats()
     assert (after.slope_index.tolist(), after.cut_index.tolist()) == ([1], [0, 1])
     assert after.second_cut_index.tolist() == [1, 2]
-    optimizer.set_slopes(np.array([], int), np.zeros((0, 3, 3)))
+    optimizer.set_rows(SLOPES, np.array([], int), {})
     assert_same(optimizer.to_splats(), after.without_slopes())
     optimizer.set_rows(SECOND_CUTS, np.array([], int), {})
     assert_same(optimizer.to_splats(), after.without_slopes().without_second_cuts())
-    optimizer.set_cuts(np.array([], int), np.zeros((0, 3)))
+    optimizer.set_rows(CUTS, np.array([], int), {})
     assert_same(optimizer.to_splats(), after.without_slopes().without_cuts())
 
 
@@ -91,7 +91,7 @@ def test_rows_follow_their_primitives_and_fresh_copies_have_none(group):
     for new, old in zip(moments(optimizer, name), (m, v), strict=True):
         np.testing.assert_array_equal(new, old[[2, 1]])
         assert np.ptp(new) > 0
-    np.testing.assert_array_equal(optimizer.params[ROWS[group.index]].numpy(), [0, NO_ROW, 1, NO_ROW, NO_ROW])
+    np.testing.assert_array_equal(optimizer.params[group.row].numpy(), [0, NO_ROW, 1, NO_ROW, NO_ROW])
     optimizer.keep(np.array([1, 3]))
     assert len(optimizer.index_of(group)) == 0 and not params_of(group) & set(optimizer.params)
     run(optimizer, 1)

@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.scene.row_groups import PLANES, SECOND_CUTS
+from mi_dogsplat.scene.row_groups import CUTS, DOG, PLANES, SECOND_CUTS
 from mi_dogsplat.training.images.tone_curve import SrgbLog
 from mi_dogsplat.training.optimizer.preconditioning import JOINT, PRIOR, Preconditioning
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
@@ -52,9 +52,9 @@ class Twin:
     def __init__(self, optimizer: SplatOptimizer, rule: Preconditioning):
         self.rule = rule
         self.sizes = dict(optimizer.row_size)
-        groups = {"dog_": optimizer.dog_index, "cut_": optimizer.cut_index, "seco": optimizer.index_of(SECOND_CUTS)}
+        rows = {name: optimizer.index_of(group) for group in (DOG, CUTS, SECOND_CUTS) for name in group.names}
         everybody = np.arange(optimizer.n)
-        self.who = {name: groups.get(name[:4], everybody) for name in JOINT if name in optimizer.adam}
+        self.who = {name: rows.get(name, everybody) for name in JOINT if name in optimizer.adam}
         self.value: dict[str, Any] = {
             name: optimizer.numpy(name).reshape(-1, self.sizes[name]).astype(np.float64) for name in self.who
         }

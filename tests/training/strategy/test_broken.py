@@ -23,11 +23,12 @@ from mi_dogsplat.training.optimizer.adam import Entry
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
-from mi_dogsplat.training.strategy.broken import MAX_RADIANCE, MAX_SCALE, MAX_SH, broken, drop_broken
+from mi_dogsplat.training.strategy.broken import MAX_COLOR, MAX_RADIANCE, MAX_SCALE, broken, drop_broken
 from mi_dogsplat.training.strategy.strategy import Strategy, Training
 from mi_dogsplat.training.train import Trainer
 
 EXTENT, N = 2.0, 7
+MAX_SH = MAX_COLOR / C0
 NAMES = ("means", "log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest", "dog_logit_opacities", "dog_log_scales")
 
 

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from ...scene.opacity import sigmoid
-from ..optimizer.splat_optimizer import SplatOptimizer
+from ...training.optimizer.splat_optimizer import SplatOptimizer
 
 MAX_COPIES = 50  # of one primitive; more are treated as so many, as in the authors' code
 MAX_OPACITY = 1 - float(np.finfo(np.float32).eps)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...scene.quaternions import rotated
-from ..optimizer.splat_optimizer import SplatOptimizer
+from ...training.optimizer.splat_optimizer import SplatOptimizer
 
 REACH = 3.0  # standard deviations that the distance is a part of
 

@@ -1,8 +1,8 @@
 """Long-axis split: where the halves are and how large, by rotation matrices."""
 
 import numpy as np
+from mi_dogsplat.compare.rivals.long_axis import LongAxisHalves
 from mi_dogsplat.training.strategy.densify import Choice, grow_and_remove
-from mi_dogsplat.training.strategy.long_axis import LongAxisHalves
 from stepped_optimizers import optimizer_of
 
 

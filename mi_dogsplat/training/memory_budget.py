@@ -66,23 +66,16 @@ def floats_of(groups: Collection[RowGroup]) -> int:
 
 @dataclass
 class Budget:
-    """Memory for a training: ``total`` bytes. Of these ``base`` and ``pictures``, with all that is made of them, do not
-    depend on the primitives of ``floats`` floats.
-
-    ``pair`` is what a pair of tile and primitive needs of a view in as many bands as it may be walked in before
-    primitives are refused for want of memory, and ``rounded`` by how much arrays are larger than what is in them.
-    ``keep_targets`` is as in ``Photographs``.
-    ``pairs`` is the largest number of pairs of tile and primitive that a view has had since the last refinement.
-    """
+    """Memory for a training, in bytes. A *pair* is one of a tile and a primitive that touches it."""
 
     total: float
-    base: float
-    pictures: float
-    floats: int
-    pair: float
-    rounded: float = 1.0
-    keep_targets: bool = True
-    pairs: int = 0
+    base: float  # of the process, whatever is trained
+    pictures: float  # and all that is made of them
+    floats: int  # numbers of a primitive
+    pair: float  # bytes, in a view of as many bands as it may be walked in before primitives are refused
+    rounded: float = 1.0  # how many times arrays are as large as what is in them
+    keep_targets: bool = True  # as in ``Photographs``
+    pairs: int = 0  # the most that a view has had since the last refinement
     later: Later = Later()
 
     @property

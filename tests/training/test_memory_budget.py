@@ -11,7 +11,7 @@ from mi_dogsplat.datasets import Dataset, View, load_dataset
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, DOG, PLANES, SHIFTS, SLOPES
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.footprint import MARGIN, PER_FLOAT, PER_PRIMITIVE, PER_PRODUCT
+from mi_dogsplat.training.memory_budget import MARGIN, PER_FLOAT, PER_PRIMITIVE, PER_PRODUCT
 from mi_dogsplat.training.strategy.row_activation import give_rows
 from mi_dogsplat.training.train import Trainer
 

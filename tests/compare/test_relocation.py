@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from mi_dogsplat.compare.rivals.relocation import MAX_COPIES, draw, duplicate, relocate, shared
 from mi_dogsplat.training.optimizer.adam import Entry
-from mi_dogsplat.training.strategy.relocation import MAX_COPIES, draw, duplicate, relocate, shared
 from stepped_optimizers import optimizer_of
 
 OPACITIES = [0.005, 0.1, 0.5, 0.9, 0.999]
