@@ -106,6 +106,23 @@ def test_a_part_that_is_turned_in_edit_mode_turns_its_splats(model):
     assert_equal(moved, found)
 
 
+def test_a_linked_duplicate_follows_when_the_other_one_leaves_edit_mode(model, capfd):
+    obj, raw = load(model), read_ply(model)
+    bpy.ops.object.duplicate(linked=True)
+    other = bpy.context.object
+    bpy.ops.object.select_all(action="DESELECT")
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.transform.mirror(constraint_axis=(True, False, False), center_override=(0, 0, 0))
+    other.update_tag(refresh={"DATA"})
+    bpy.context.view_layer.update()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    assert_moved(read_attributes(other.data), raw, np.diag([-1.0, 1, 1, 1]))
+    assert "Traceback" not in "".join(capfd.readouterr())  # handlers only print theirs
+
+
 def test_motions_are_found_in_any_order_of_what_was_joined():
     rng = np.random.default_rng(0)
     before = rng.normal(size=(1000, 3)).astype(np.float32)
