@@ -70,7 +70,8 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     changed = [update.id.original for update in depsgraph.updates
                if update.is_updated_geometry and isinstance(update.id, bpy.types.Object)]  # fmt: skip
     for obj in changed:
-        if is_splats(obj) and obj.mode == "OBJECT" and obj.data.library is None:
+        # Edit mode keeps attributes elsewhere, also for those that only share the data
+        if is_splats(obj) and obj.mode == "OBJECT" and obj.data.library is None and not obj.data.is_editmode:
             spread_ranks(obj.data)  # some may be deleted, doubled or joined
             matrix = follow_vertices(obj.data) if follows else np.eye(4)
             if np.array_equal(matrix, np.eye(4)):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+
 import bpy
 import numpy as np
 
@@ -9,13 +11,14 @@ from ..files.errors import told
 from ..nodes.modifier import edit_modifiers, get_input, set_input
 from ..nodes.paint import CORNERS
 from ..nodes.paint import NAME as PAINT
-from ..objects.attributes import ERASE, PAINT_INDEX, SCALE, TINT, is_splats, own_data
+from ..objects.attributes import ERASE, PAINT_INDEX, PAINT_OWNER, SCALE, TINT, is_splats, own_data
 from ..objects.columns import get_column, put_column
 from .weights import get_weights, put_weights
 
 TETRAHEDRON = np.array([(1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1)], np.float32)
 FACES = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], np.int32)
 SPLATS = "dogsplat_splats"  # how many a stand-in was made for
+OWNERS = 2**24  # numbers that tell stand-ins apart, which single precision has; those of before have none, 0
 UNPAINTED = {ERASE: (0.0,), TINT: (1.0, 1.0, 1.0, 1.0)}
 
 
@@ -23,8 +26,9 @@ def build_stand_in(obj: bpy.types.Object) -> bpy.types.Object:
     """A child of the model with what was painted before, linked to its collections; splats learn their index."""
     own_data(obj)
     positions, scales = get_column(obj.data, "position", 3), get_column(obj.data, SCALE, 3)
-    n = len(positions)
+    n, owner = len(positions), random.randrange(1, OWNERS)
     put_column(obj.data, PAINT_INDEX, np.arange(n, dtype=np.int32))
+    put_column(obj.data, PAINT_OWNER, np.full(n, owner, np.int32))
     radius = np.cbrt(scales.prod(axis=1, keepdims=True))[:, None]  # that of a ball of the same volume
     corners = (positions[:, None] + radius * TETRAHEDRON).reshape(-1, 3)
     mesh = bpy.data.meshes.new(f"{obj.name} paint")
@@ -37,6 +41,7 @@ def build_stand_in(obj: bpy.types.Object) -> bpy.types.Object:
     mesh.polygons.add(len(faces) // 3)
     mesh.polygons.foreach_set("loop_start", np.arange(0, len(faces), 3, dtype=np.int32))
     mesh.update(calc_edges=True)
+    put_column(mesh, PAINT_OWNER, np.full(len(corners), owner, np.int32))
     put_column(mesh, TINT, np.repeat(_painted(obj.data, TINT), CORNERS, axis=0))
     mesh.attributes.active_color = mesh.attributes[TINT]
     stand_in = bpy.data.objects.new(mesh.name, mesh)
@@ -95,9 +100,9 @@ def finish_painting(obj: bpy.types.Object) -> None:
     stand_in = stand_in_of(obj)
     if stand_in is None:
         return
-    painted, models = _values(stand_in), _models_of(stand_in)
+    painted, models, owners = _values(stand_in), _models_of(stand_in), _owners(stand_in.data)
     for mesh in {model.data for model in models}:
-        _store(mesh, painted)
+        _store(mesh, painted, owners)
     for model in models:
         for modifier in edit_modifiers(model, PAINT):
             set_input(modifier, "Stand-In", None)
@@ -111,7 +116,7 @@ def keep_painted(obj: bpy.types.Object, mesh: bpy.types.Mesh) -> None:
     """Make what is painted on a model attributes of a mesh of some of its splats, as ``finish_painting`` of its own."""
     stand_in = stand_in_of(obj)
     if stand_in is not None and PAINT_INDEX in mesh.attributes:
-        _store(mesh, _values(stand_in))
+        _store(mesh, _values(stand_in), _owners(stand_in.data))
 
 
 def _models_of(stand_in: bpy.types.Object) -> list[bpy.types.Object]:
@@ -123,12 +128,26 @@ def _values(stand_in: bpy.types.Object) -> dict[str, np.ndarray]:
     return {ERASE: get_weights(stand_in, ERASE), TINT: get_column(stand_in.data, TINT, 4)}
 
 
-def _store(mesh: bpy.types.Mesh, painted: dict[str, np.ndarray]) -> None:
-    """Of the corners of all stand-ins, [V, 1] or [V, 4]: those of the splats of a mesh."""
+def _owners(mesh: bpy.types.Mesh) -> np.ndarray:
+    """[V]: which stand-in the points of a mesh are of; 0 where nobody has said it."""
+    if PAINT_OWNER not in mesh.attributes:
+        return np.zeros(len(mesh.vertices), np.int32)
+    return get_column(mesh, PAINT_OWNER, 1)[:, 0]
+
+
+def _store(mesh: bpy.types.Mesh, painted: dict[str, np.ndarray], owners: np.ndarray) -> None:
+    """Of the corners of all stand-ins, [V, 1] or [V, 4]: those of the splats of a mesh.
+
+    Splats that were joined meanwhile are not of this stand-in, to which the ``owners`` [V] of its corners belong.
+    """
     index = get_column(mesh, PAINT_INDEX, 1)[:, 0]
+    mine = np.isin(_owners(mesh), owners)
     for attribute, values in painted.items():
-        per_splat = values.reshape(-1, CORNERS, values.shape[1]).mean(axis=1, dtype=np.float32)[index]
+        per_splat = _painted(mesh, attribute)
+        per_splat[mine] = values.reshape(-1, CORNERS, values.shape[1]).mean(axis=1, dtype=np.float32)[index[mine]]
         if attribute in mesh.attributes or (per_splat != np.float32(UNPAINTED[attribute])).any():
             put_column(mesh, attribute, per_splat)
-    mesh.attributes.remove(mesh.attributes[PAINT_INDEX])
+    for name in (PAINT_INDEX, PAINT_OWNER):
+        if name in mesh.attributes:
+            mesh.attributes.remove(mesh.attributes[name])
     mesh.update()

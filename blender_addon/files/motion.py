@@ -19,15 +19,18 @@ def motions(before: NDArray, after: NDArray) -> list[tuple[Rows, NDArray[np.floa
     """(rows, [4, 4]) for each group of rows of [N, 3] that moved as one.
 
     All rows at once, those that moved, or halves of these, as joined objects leave them. Rows that moved by themselves
-    are in no group.
+    are in no group. What stood still says nothing on how the others moved: a splat far away would excuse everything.
     """
     before, after = before.astype(np.float64), after.astype(np.float64)
     everything = np.arange(len(before))
     moved = np.flatnonzero((before != after).any(axis=1))
     if not len(moved):
         return []
-    if (whole := motion(before, after)) is not None:
-        return [(everything, whole)]
+    if is_rounding(before, after):
+        return [(everything, np.eye(4))]
+    if (matrix := motion(before[moved], after[moved])) is not None:
+        whole = _misses(before, after, matrix).max() <= TOLERANCE * _extent(after)
+        return [(everything if whole else moved, matrix)]
     groups: list[tuple[Rows, NDArray[np.float64]]] = []
     alone, found = moved, _halved(before, after, moved) or _in_short_runs(before, after, moved)
     while found:
@@ -84,8 +87,9 @@ def similarity(before: NDArray, after: NDArray) -> NDArray[np.float64] | None:
 
 
 def is_rounding(before: NDArray, after: NDArray) -> bool:
-    """Whether points only lost their last bits."""
-    return bool(np.abs(before - after).max() <= ROUNDING * np.abs(before).max())
+    """Whether points only lost their last bits, those of their own coordinates or of most others."""
+    sizes = np.abs(before).max(axis=1)
+    return bool((np.abs(before - after).max(axis=1) <= ROUNDING * np.maximum(sizes, np.median(sizes))).all())
 
 
 def is_shift(matrix: NDArray) -> bool:

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ..files.sh import C0
-from ..objects.attributes import BASE, CURVATURE_VECTORS, ERASE, PAINT_INDEX, SH, SLOPE_VECTORS, TINT
+from ..objects.attributes import BASE, CURVATURE_VECTORS, ERASE, PAINT_INDEX, PAINT_OWNER, SH, SLOPE_VECTORS, TINT
 from ..objects.working_space import working_matrix
 from .builder import Tree, Value, Vector, new_group, wrap
 from .color import linear_to_srgb, multiplied
@@ -77,18 +77,24 @@ def _painted(tree: Tree, info: bpy.types.Node, name: str, kind: str) -> list[Any
     first = named_attribute(tree, PAINT_INDEX, "INT") * float(CORNERS)
     totals: list[Any] = []
     for corner in range(CORNERS):
-        sample = tree.node("GeometryNodeSampleIndex", data_type=kind, domain="POINT")
-        tree.plug(sample.inputs["Geometry"], info.outputs["Geometry"])
-        tree.plug(sample.inputs["Value"], own)  # a field, so it is that of the stand-in here
-        tree.plug(sample.inputs["Index"], first + float(corner))
-        parts = _parts(tree, sample.outputs[0])
+        parts = _parts(tree, _at(tree, info, own, kind, first + float(corner)))
         totals = [total + part for total, part in zip(totals, parts, strict=True)] if totals else parts
     kinds = ["VECTOR", "FLOAT"] if kind == "FLOAT_COLOR" else ["FLOAT"]
-    chosen = has_object(info)
+    owner = attribute_socket(tree, PAINT_OWNER, "INT")
+    other = tree.math("ABSOLUTE", wrap(tree, owner) - wrap(tree, _at(tree, info, owner, "INT", first)))
+    chosen = has_object(info) * (other < 0.5)  # splats that were joined are in no stand-in, or in another one
     return [
         switch(tree, part_kind, chosen, mine, total * (1 / CORNERS))
         for part_kind, mine, total in zip(kinds, _parts(tree, own), totals, strict=True)
     ]
+
+
+def _at(tree: Tree, info: bpy.types.Node, field: bpy.types.NodeSocket, kind: str, index: Value) -> Any:
+    """A field as the point of that index of the stand-in has it."""
+    sample = tree.node("GeometryNodeSampleIndex", data_type=kind, domain="POINT")
+    for name, value in (("Geometry", info.outputs["Geometry"]), ("Value", field), ("Index", index)):
+        tree.plug(sample.inputs[name], value)
+    return sample.outputs[0]
 
 
 def _parts(tree: Tree, socket: Any) -> list[Any]:

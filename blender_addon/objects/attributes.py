@@ -46,7 +46,8 @@ RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:
 NATIVE_SCALE, NATIVE_OPACITY = "dog:native_scale", "dog:native_opacity"  # as baked: how edits of them are noticed
 RAW_POSITION = "dog:raw_position"  # where the splat's other attributes were right; see ``editing/following.py``
 RANK = "dog:rank"  # 0 for the most important splat, below 1 for the least, so that a share is a prefix
-ERASE, TINT, PAINT_INDEX = "Erase", "Tint", "paint:index"  # painted; which part of the stand-in is the splat's
+ERASE, TINT = "Erase", "Tint"  # painted
+PAINT_INDEX, PAINT_OWNER = "paint:index", "paint:owner"  # which part of which stand-in is the splat's
 
 
 def write_attributes(mesh: bpy.types.Mesh, model: Model) -> None:

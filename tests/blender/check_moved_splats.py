@@ -106,6 +106,23 @@ def test_a_part_that_is_turned_in_edit_mode_turns_its_splats(model):
     assert_equal(moved, found)
 
 
+def test_a_linked_duplicate_follows_when_the_other_one_leaves_edit_mode(model, capfd):
+    obj, raw = load(model), read_ply(model)
+    bpy.ops.object.duplicate(linked=True)
+    other = bpy.context.object
+    bpy.ops.object.select_all(action="DESELECT")
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.transform.mirror(constraint_axis=(True, False, False), center_override=(0, 0, 0))
+    other.update_tag(refresh={"DATA"})
+    bpy.context.view_layer.update()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    assert_moved(read_attributes(other.data), raw, np.diag([-1.0, 1, 1, 1]))
+    assert "Traceback" not in "".join(capfd.readouterr())  # handlers only print theirs
+
+
 def test_motions_are_found_in_any_order_of_what_was_joined():
     rng = np.random.default_rng(0)
     before = rng.normal(size=(1000, 3)).astype(np.float32)
@@ -137,3 +154,28 @@ def test_motions_of_small_objects_are_found_beside_others(sizes):
     for rows, matrix in found:
         assert np.abs(before[rows] @ matrix[:3, :3].T + matrix[:3, 3] - after[rows]).max() < 1e-4
         assert len({k for k, of in enumerate(objects) if np.isin(rows, of).any()}) == 1
+
+
+def test_a_splat_far_away_excuses_no_motion():
+    """Turns by so little that it would be nothing for a model of that extent, and a splat that is dragged as far."""
+    rng = np.random.default_rng(2)
+    before = rng.normal(size=(300, 3)).astype(np.float32)
+    before[0] = 1e5, 0, 0
+    turn, after = np.array(Matrix.Rotation(0.1, 4, (1, 2, 3))), before.copy()
+    after[100:200] = before[100:200] @ turn[:3, :3].T
+    ((rows, matrix),) = motions(before, after)
+    assert rows.tolist() == list(range(100, 200)) and np.allclose(matrix, turn, atol=1e-5)
+    after[200:250] = before[200:250] @ turn[:3, :3] + 0.1
+    assert sorted(np.concatenate([rows for rows, _ in motions(before, after)])) == list(range(100, 250))
+
+
+def test_a_splat_that_is_dragged_stays_there_beside_one_far_away(model):
+    obj = load(model)
+    obj.data.vertices[0].co = 1e5, 0, 0
+    obj.data.update()
+    bpy.context.view_layer.update()
+    place = obj.data.vertices[1].co.copy()
+    obj.data.vertices[1].co.x += 0.02
+    obj.data.update()
+    bpy.context.view_layer.update()
+    assert obj.data.vertices[1].co.x == pytest.approx(place.x + 0.02, abs=1e-6)

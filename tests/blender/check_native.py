@@ -173,7 +173,7 @@ def test_exports_and_the_engine_have_native_splats_with_their_dog(native, scene,
     bpy.context.view_layer.update()
     order = make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, [])
     found = read_ply(order.request["model"])
-    assert order.objects == ["dog"] and np.array_equal(found.is_dog, raw.is_dog)
+    assert [of.name for of in order.objects] == ["dog"] and np.array_equal(found.is_dog, raw.is_dog)
     assert np.allclose(found.means, raw.means @ np.array(TURN)[:3, :3].T, atol=1e-4)
 
 

@@ -30,6 +30,34 @@ def select(obj):
     bpy.context.view_layer.objects.active = obj
 
 
+def test_what_blenders_join_adds_to_a_model_that_is_painted_is_not_painted(model):
+    """Splats of one that is no stand-in's, and of one that another stand-in is for."""
+    first, second, third = load(model), load(model), load(model)
+    raw = read_ply(model)
+    stroke(third, "ERASE", np.arange(5), weight=1.0)
+    stroke(first, "ERASE", np.arange(5), weight=1.0)
+    stroke(first, "TINT", TINTED, color=COLOR)
+    own = shown(first)
+    assert own.n_splats == raw.n_splats - 5
+    for other in (second, third):
+        other.select_set(True)
+    bpy.ops.object.join()
+    bpy.context.view_layer.update()
+
+    def check():
+        found = shown(first)
+        n = raw.n_splats
+        assert found.n_splats == own.n_splats + 2 * n
+        assert_equal(found.select(np.arange(own.n_splats)), own)
+        for k in (own.n_splats, own.n_splats + n):
+            assert_equal(found.select(np.arange(k, k + n)), raw)
+
+    check()
+    assert bpy.ops.dogsplat.finish_painting() == {"FINISHED"}
+    check()
+    assert not any(name.startswith("paint:") for name in first.data.attributes.keys())
+
+
 @pytest.mark.parametrize("finished", [False, True])
 def test_a_tint_that_was_applied_is_there_once(model, finished):
     """Applied while it is painted, and after that."""
