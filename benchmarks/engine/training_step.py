@@ -8,7 +8,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats

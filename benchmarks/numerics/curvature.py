@@ -30,9 +30,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, device_array, upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.render.picture import background_color
 from mi_dogsplat.scene.cameras import Camera

@@ -27,10 +27,10 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.bands import PreparedView
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks, Grid
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.tables import FIRST_FEATURE
 from mi_dogsplat.engine.tiles import WORD, TileLists
 from mi_dogsplat.engine.view import prepare

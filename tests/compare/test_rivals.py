@@ -18,8 +18,8 @@ from mi_dogsplat.compare.rivals.mini_splatting import SummedWeight, sampling_key
 from mi_dogsplat.compare.rivals.pup import Sensitivity, fisher
 from mi_dogsplat.compare.rivals.radsplat import LargestWeight
 from mi_dogsplat.compare.rivals.taming import parabola
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.reference import score as reference_score

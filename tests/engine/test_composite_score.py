@@ -7,10 +7,10 @@ import pytest
 from every_pair import every_pair
 from mi_dogsplat import reference
 from mi_dogsplat.engine.arrays import detached
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import SMOOTH, Cutoffs
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import device_array, upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.view import prepare_both
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.engine.walks.score import Sums, composite_score

@@ -7,9 +7,9 @@ import pytest
 from launches import branches, launches, loop
 from mi_dogsplat.engine import isects
 from mi_dogsplat.engine.bands import PreparedView
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.view import prepare
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.scene.splats import Splats

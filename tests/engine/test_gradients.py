@@ -12,7 +12,7 @@ import pytest
 from every_pair import every_pair
 from forward_mode import pushed, pushed_differences, random_directions
 from mi_dogsplat import reference
-from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.scene.splats import Splats

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from launches import launches
 from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.frozen import frozen, zeros_for
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from splat_scenes import attached, random_splats, rounded, square_camera
 

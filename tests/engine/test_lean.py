@@ -16,9 +16,9 @@ from launches import branches, instructions, kernels, launches, llvm_only, loop
 from lean_calls import CAMERA, HEIGHT, WIDTH, N, adjoints, backward, forward, model
 from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.bands import PreparedView
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.engine.view import prepare
 from mi_dogsplat.engine.walks.composite import composite

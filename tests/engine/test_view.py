@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.bands import BandedView, PreparedView, WalkableView
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.view import prepare, prepare_both
 from mi_dogsplat.engine.walks.composite import composite
 from splat_scenes import random_splats, rounded, tilted_camera

@@ -8,10 +8,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from launches import kernels
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.frozen import Frozen
 from mi_dogsplat.engine.geometry import Blocks, Grid
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (

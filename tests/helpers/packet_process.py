@@ -8,9 +8,9 @@ import drjit as dr
 import mi_dogsplat  # noqa: F401  (before drjit: chooses the LLVM)
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.drjit_internals import llvm_packet
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from splat_scenes import random_splats, rounded, tilted_camera

@@ -7,9 +7,9 @@ from typing import Any, cast
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import RAW, RAW_OF_GROUPS, upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
 from mi_dogsplat.reference.forward import raw_indices, raw_names
 from mi_dogsplat.scene.cameras import Camera

@@ -13,11 +13,11 @@ from described import stated
 from launches import launches, loop
 from mi_dogsplat import write_ply
 from mi_dogsplat.cli import main
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks
 from mi_dogsplat.engine.kernel_costs import aov_operations, pair_operations, primitive_operations
 from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.features import model_features, scene_features

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from film_derivatives import errors_of_adam, film_gradients
 from mi_dogsplat import Splats, reference
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.plugin import splat_integrator
 from mi_dogsplat.plugin.camera_masks import SplatMasks
 from mi_dogsplat.plugin.splat_lamps import lamps_of

@@ -6,8 +6,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.plugin import shadow_ratios
 from mi_dogsplat.plugin.shadow_ratios import ShadowRatios, estimated
 from mi_dogsplat.scene.cameras import Camera

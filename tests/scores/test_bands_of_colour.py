@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from cameras_around import cameras_around
 from mi_dogsplat import reference
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.scene.sh_basis import SH_SIZES
 from mi_dogsplat.scores import bands as module

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from cameras_around import cameras_around
 from cut_models import with_cuts, with_second_cuts
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.score import ScoreRule, energies

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.scores.bands import bands
 from mi_dogsplat.scores.score import ScoreRule, band_pass_weight, energies, filtered_noise

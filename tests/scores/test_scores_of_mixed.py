@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.view import prepare, prepare_both
 from mi_dogsplat.engine.walks.aovs import composite_aovs
 from mi_dogsplat.engine.walks.composite import composite_over

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 from cameras_around import cameras_around
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.slope_losses import curvature_losses, slope_losses
 from own_axes_models import CURVED, PLANE_KINDS, SLOPED, Kind

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 from hdr_data import bright_truth
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.reference import render
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import bands

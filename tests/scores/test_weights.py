@@ -3,8 +3,8 @@
 import drjit as dr
 import numpy as np
 import pytest
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.scores.slope_losses import slope_losses

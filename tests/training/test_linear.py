@@ -11,9 +11,9 @@ import pytest
 from hdr_data import bright_truth, write_hdr_data
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.write import write_model

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from launches import KernelWatch
 from mi_dogsplat import write_ply
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import RAW_DOG
-from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates

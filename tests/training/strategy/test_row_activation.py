@@ -8,7 +8,7 @@ import drjit as dr
 import numpy as np
 import pytest
 from cut_models import with_cuts, with_second_cuts
-from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats

@@ -8,7 +8,7 @@ import drjit as dr
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
