@@ -45,10 +45,11 @@ class Lane:
             scratch = dr.alloc_local(self.Float, 2, value=self.Float(0))
             scratch[self.begin & 1] = self.Float(self.begin >> 31)
             self.x0 = self.x0 + scratch[self.last & 1]
-        in_column = [(x + k) < grid.width for k in range(self.width)]
-        in_row = [(y + k) < grid.height for k in range(self.height)]
+        in_column = [(x + k) < lanes.width for k in range(self.width)]
+        in_row = [(y + k) < lanes.height for k in range(self.height)]
         self.inside = [r & c for r in in_row for c in in_column]
-        self.at = [y * grid.width + x + (r * grid.width + c) for r in range(self.height) for c in range(self.width)]
+        first, columns = dr.fma(y, lanes.width, x), range(self.width)
+        self.at = [dr.fma(lanes.width, r, first + c) for r in range(self.height) for c in columns]
         self.start_T = [dr.select(ok, self.Float(1), self.Float(-1)) for ok in self.inside]
 
     def read(self, plane) -> list:
