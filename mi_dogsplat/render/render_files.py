@@ -57,13 +57,12 @@ def render_model(
     names = _aovs(out, aovs)
     read = read_model(model)
     view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
-    options.require_for(view.linear)
+    options.require_for(view.drawn.linear)
     background = view.background if suffix == ".png" else 0.0
-    how = {"antialiased": view.antialiased, "linear": view.linear, "white": view.white}
-    if appearance and view.linear:
+    if appearance and view.drawn.linear:
         raise DataError("--appearance", "is of photographs, and the model holds linear radiance", "leave it out")
     numbers = read_appearance(Path(appearance)).numbers(view.camera, view.name) if appearance else None
-    picture = picture_of(read.splats, background, view.near_clip, **how, aovs=names)(view.camera)
+    picture = picture_of(read.splats, background, view.drawn, names)(view.camera)
     if numbers is not None:
         picture = as_taken(picture, view.camera, numbers)
     with writing(out):
