@@ -15,7 +15,7 @@ from ..formats.read import read_model
 from ..scene.appearance import read_appearance
 from ..support.errors import DataError, interruptible, writing
 from ..support.files import replacing
-from ..support.pictures import write_channels, write_exr, write_png
+from ..support.pictures import without_aovs, write_channels, write_exr, write_png
 from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.srgb import linear_to_srgb
 from ..support.threads import threads_to_load
@@ -113,9 +113,8 @@ def render_scene(
         with writing(out):
             write_channels(out, named)
         return
-    if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs came along
-        bitmap = dict(bitmap.split())["<root>"]
-    linear = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False))  # [H, W, 3]
+    rgb = without_aovs(bitmap).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
+    linear = np.array(rgb)  # [H, W, 3]
     if np.isnan(linear).any():
         raise DataError(path, "its render holds NaN", "correct the scene, or write .exr to see where they are")
     with writing(out):
