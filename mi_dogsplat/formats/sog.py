@@ -25,11 +25,10 @@ from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from .packing import SQRT2, smallest_three, unit_quats
-from .palette import codebook, nearest, palette
+from .palette import CODES, codebook, nearest, palette
 from .sog_read import FIRST_TAG, PER_ROW, read
 
 MAX_PALETTE = 65536
-MOST_VALUES = 256  # of a table
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of the files in the ZIP: the same model gives the same bytes
 
 
@@ -96,7 +95,7 @@ def _colors(dc: Array, linear: bool) -> tuple[Array, Array]:
 
     Of linear colours, in units of white, it is made through the tone curve: else lamps would take all of its entries.
     """
-    if not linear or len(np.unique(dc)) <= MOST_VALUES:  # the values themselves
+    if not linear or len(np.unique(dc)) <= CODES:  # the values themselves
         table = codebook(dc)
         return table, nearest(table, dc)
     seen = linear_to_srgb_log(0.5 + C0 * dc.astype(np.float64))
