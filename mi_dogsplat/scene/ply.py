@@ -35,6 +35,7 @@ from ..support.wording import counted
 from .filter_3d import filtered
 from .opacity import LARGEST_LOGIT
 from .ply_tables import NOT_3DGS, TableReader, check_finite
+from .quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ
 from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SHIFTS, SLOPES, Array, RowGroup, in_several
 from .splats import Splats
 
@@ -43,8 +44,6 @@ _NORMAL = ("nx", "ny", "nz")
 _DC = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
-_XYZW_FROM_WXYZ = [1, 2, 3, 0]
-_WXYZ_FROM_XYZW = [3, 0, 1, 2]
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _FILTER = ("filter_3D",)
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
@@ -97,7 +96,7 @@ def _read_model(reader: TableReader) -> Splats:
     if _FILTER[0] in (vertex.dtype.names or ()):
         widths = reader.columns(vertex, "vertex", _FILTER)[:, 0]  # [N]
         log_scales, logit_opacities = filtered(log_scales, logit_opacities, widths)
-    quats = reader.columns(vertex, "vertex", _ROTATION)[:, _XYZW_FROM_WXYZ]  # [N, 4]
+    quats = reader.columns(vertex, "vertex", _ROTATION)[:, XYZW_FROM_WXYZ]  # [N, 4]
     dog_index, dog = _read_dog(reader, tables, len(means))  # [M], [M, 4]
     return Splats(
         means=means,
@@ -211,7 +210,7 @@ def write_ply(
         rest,
         splats.logit_opacities[:, None],
         splats.log_scales,
-        splats.quats[:, _WXYZ_FROM_XYZW],
+        splats.quats[:, WXYZ_FROM_XYZW],
     ]
     vertex = np.concatenate(columns, axis=1, dtype="<f4")  # [N, len(names)]
     check_finite(path, "vertex", names, vertex, _NOT_WRITTEN)
