@@ -72,11 +72,6 @@ def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
     return text + chunks.astype("<f4").tobytes() + vertex.astype("<u4").tobytes() + sh.tobytes() + rows
 
 
-def decode(path: Path) -> Splats:
-    """The model in a file. Raises ``DataError``."""
-    return read(path).splats
-
-
 def read(path: Path) -> Model:
     """The content of a file. Raises ``DataError``."""
     with path.open("rb") as file:

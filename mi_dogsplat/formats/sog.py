@@ -15,7 +15,6 @@ import io
 import json
 import math
 import zipfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from .packing import SQRT2, smallest_three, unit_quats
 from .palette import CODES, codebook, nearest, palette
-from .sog_read import FIRST_TAG, PER_ROW, read
+from .sog_read import FIRST_TAG, PER_ROW
 
 MAX_PALETTE = 65536
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of the files in the ZIP: the same model gives the same bytes
@@ -84,11 +83,6 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
         for name, content in files.items():
             bundle.writestr(zipfile.ZipInfo(name, EPOCH), content)
     return buffer.getvalue()
-
-
-def decode(path: Path) -> Splats:
-    """The model in a bundle, or in the folder of a meta.json. Raises ``DataError``."""
-    return read(path).splats
 
 
 def _colors(dc: Array, linear: bool) -> tuple[Array, Array]:

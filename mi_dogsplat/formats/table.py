@@ -12,7 +12,7 @@ from ..scene.ply import read_ply_and_comments, write_ply
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError, writing
 from ..support.files import replacing
-from . import compressed_ply, gltf, sog, splat, spz
+from . import compressed_ply, gltf, gltf_read, sog, sog_read, splat, spz
 from .model import Model
 from .packing import LUF, RUB, Turn, by_color, in_space
 
@@ -107,7 +107,7 @@ SPZ = Format(
 )
 SOG = Format(
     "SOG",
-    sog.read,
+    sog_read.read,
     _written(lambda model: sog.encode(model.splats, model.drawing)),
     ALL,
     order=in_space,
@@ -116,7 +116,7 @@ SOG = Format(
 GLB, GLTF = (
     Format(
         "glTF",
-        gltf.read,
+        gltf_read.read,
         _written(lambda model, binary=binary: gltf.encode(model.splats, model.drawing, binary)),
         ALL,
         LUF,
