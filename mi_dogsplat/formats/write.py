@@ -15,13 +15,14 @@ from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..scene.whole import whole
 from ..support.errors import DataError
+from ..support.files import write_bytes
 from ..support.wording import count, counted
 from .model import Model, require_finite
 from .packing import turned
 from .spz import BRIGHTEST
 from .spz import encode as encode_spz
 from .spz_container import rewrapped, zstandard_for
-from .table import PLY, SPZ, Format, format_to_write, write_bytes
+from .table import PLY, SPZ, Format, format_to_write
 
 SPZ_VERSIONS = (3, 4)  # that are written
 CLAMPED = 1 / 32  # by which a log scale is out of range: half a step of SPZ, less is rounding

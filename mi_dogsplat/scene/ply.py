@@ -23,14 +23,14 @@ from __future__ import annotations
 
 import math
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from ..support.errors import DataError, writing
-from ..support.files import replacing
+from ..support.errors import DataError
+from ..support.files import write_bytes
 from ..support.wording import counted
 from .filter_3d import filtered
 from .opacity import LARGEST_LOGIT
@@ -219,22 +219,26 @@ def write_ply(
     header += [f"property float {name}" for name in names]
     data = [vertex.tobytes()]
 
-    dog = np.concatenate([splats.dog_logit_opacities[:, None], splats.dog_log_scales], axis=1)  # [M, 4]
-    groups: list[tuple[str, tuple[str, ...], Array, Array]] = [("dog", _DOG, splats.dog_index, dog)]
-    for element, (group, columns) in _OF_SOME.items():
-        names, values = _columns_of(splats, group, columns)
-        groups.append((element, names, getattr(splats, group.index), values))
-    for degree, element in _SH_ELEMENTS.items():
-        (name,) = SH[degree].names
-        rest = _by_channel(getattr(splats, name))
-        groups.append((element, _rest_names(_N_REST[degree]), getattr(splats, SH[degree].index), rest))
-    for element, names, index, values in groups:
+    for element, names, index, values in _groups_of(splats):
         if len(index):
             check_finite(path, element, names, values, _NOT_WRITTEN)
             header += [f"element {element} {len(index)}", "property uint index"]
             header += [f"property float {name}" for name in names]
             data.append(_rows(index, values))
-    _replace(path, "\n".join([*header, "end_header\n"]).encode(), *data)
+    write_bytes(path, "\n".join([*header, "end_header\n"]).encode(), *data)
+
+
+def _groups_of(splats: Splats) -> Iterator[tuple[str, tuple[str, ...], Array, Array]]:
+    """(element, names of its columns, index [M], values [M, columns]) of each group, in the order of the file."""
+    dog = np.concatenate([splats.dog_logit_opacities[:, None], splats.dog_log_scales], axis=1)  # [M, 4]
+    yield "dog", _DOG, splats.dog_index, dog
+    for element, (group, columns) in _OF_SOME.items():
+        names, values = _columns_of(splats, group, columns)
+        yield element, names, getattr(splats, group.index), values
+    for degree, element in _SH_ELEMENTS.items():
+        (name,) = SH[degree].names
+        rest = _by_channel(getattr(splats, name))
+        yield element, _rest_names(_N_REST[degree]), getattr(splats, SH[degree].index), rest
 
 
 def rows_save(degrees: Array) -> int:
@@ -293,11 +297,3 @@ def _numbered(column: str, shape: tuple[int, ...]) -> tuple[str, ...]:
 
 def _rest_names(n_rest: int) -> tuple[str, ...]:
     return tuple(f"f_rest_{i}" for i in range(n_rest))
-
-
-def _replace(path: Path, *parts: bytes):
-    """Make ``parts`` the content of ``path``, or leave everything as it was."""
-    with writing(path):
-        path.parent.stat()  # a folder that is missing is a typing error: none is made
-        with replacing(path) as part, part.open("xb") as file:
-            file.writelines(parts)
