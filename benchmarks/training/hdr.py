@@ -166,9 +166,7 @@ def _captured(args: argparse.Namespace, hdr: bool) -> Path:
 def _measured(model: Path, truth: Dataset) -> tuple[dict[str, float], np.ndarray]:
     """The row of a model, and the radiance of the middle view."""
     read = read_model(model)
-    drawn = drawn_as(read.drawing)
-    how = {"antialiased": drawn.antialiased, "linear": drawn.linear, "white": drawn.white}
-    picture = picture_of(read.splats, 0.0, drawn.near_clip, **how)
+    picture = picture_of(read.splats, 0.0, drawn_as(read.drawing))
     seen: dict[str, Picture] = {view.name: picture(view.camera) for view in truth.test}
     row = mean_metrics(evaluate_views(lambda view: seen[view.name], truth.test, 0.0))
     ours = np.concatenate([luminance(light_of(seen[view.name])).ravel() for view in truth.test]) / truth.white

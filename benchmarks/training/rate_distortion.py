@@ -37,7 +37,6 @@ from mi_dogsplat.report.plot import Series, line_plot
 from mi_dogsplat.report.points import Note
 from mi_dogsplat.runs.checkpoint import CHECKPOINT, load_checkpoint
 from mi_dogsplat.runs.run import train
-from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.files import replacing, write_json
 from mi_dogsplat.support.variants import set_variant
@@ -84,7 +83,7 @@ def main(flags: Sequence[str]) -> None:
     rows, pictures = [], {}
     for file in _files(base, args):
         splats = read_model(file.path).splats
-        picture = picture_of(splats, background, near_clip=DrawnAs().near_clip)
+        picture = picture_of(splats, background)
         pictures[str(file.path)] = lambda view, picture=picture: picture(view.camera)
         rows.append(measured(file, splats, pictures[str(file.path)], dataset, background))
         print(rows[-1], flush=True)

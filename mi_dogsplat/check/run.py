@@ -120,8 +120,8 @@ def _model_scene(
     if splats.n_splats == 0:
         raise DataError(model, "holds no primitives", "check a model that has some")
     view = viewpoint(splats, data, camera, options, read.drawing)
-    others = {"background": view.background, "near_clip": view.near_clip, "antialiased": view.antialiased}
-    return model_scene(model.name, splats, view.camera, width, **others)
+    how = {"near_clip": view.drawn.near_clip, "antialiased": view.drawn.antialiased}
+    return model_scene(model.name, splats, view.camera, width, background=view.background, **how)
 
 
 def _write_page(report: dict[str, Any], path: Path) -> None:

@@ -101,31 +101,35 @@ def _fill(
 
 def _plan(scene_path: Path, config: CaptureConfig) -> Plan:
     scene, hidden = load_scene(scene_path, config.alpha)
-    framing = counted(len(scene.sensors()), "sensor")
-    if config.path == "sensors":
-        shots = sensor_shots(scene_path, scene, config.downscale)
-    elif not config.circling:
+    if config.circling:
+        shots, framing = _circling(scene_path, scene, config)
+    elif config.path == "sensors":
+        shots, framing = sensor_shots(scene_path, scene, config.downscale), counted(len(scene.sensors()), "sensor")
+    else:
         box = scene.bbox()
         extent = float(np.linalg.norm(np.array(box.max, np.float64) - np.array(box.min, np.float64)))
         shots = listed_shots(Path(config.path), extent if 0 < extent < math.inf else 1.0, config.downscale)
         framing = f"cameras of {config.path}"
-    else:
-        up = auto_up(scene) if config.up == "auto" else config.up
-        if config.center and config.radius:
-            center, radius, n_left_out = np.array(config.center), config.radius, 0
-        else:
-            center, radius, n_left_out = framing_sphere(scene_path, scene)
-        center = np.array(config.center or center, dtype=np.float64)  # [3]
-        radius = config.radius or radius
-        if not radius > RESOLUTION * abs(center).max():
-            place = " ".join(f"{x:g}" for x in center)
-            problem = f"the centre {place} is too far from the origin for cameras around a radius of {radius:g}"
-            raise DataError(scene_path, problem, "use a larger --radius, or a --center that is nearer to the origin")
-        n_test = config.views // 6 if config.test is None else config.test
-        shots = circling_shots(config, config.views + n_test, center, radius, up)
-        framing = f"centre {' '.join(f'{x:.3g}' for x in center)}, radius {radius:.3g}, up {up}"
-        framing += f", without {n_left_out} much larger shapes around it" if n_left_out else ""
     return Plan(scene, shots, _tests(config, len(shots)), hidden, framing)
+
+
+def _circling(scene_path: Path, scene: Any, config: CaptureConfig) -> tuple[list[Shot], str]:
+    """The shots of an orbit or hemisphere, and a line on how they frame the scene. Raises ``DataError``."""
+    up = auto_up(scene) if config.up == "auto" else config.up
+    if config.center and config.radius:
+        center, radius, n_left_out = np.array(config.center), config.radius, 0
+    else:
+        center, radius, n_left_out = framing_sphere(scene_path, scene)
+    center = np.array(config.center or center, dtype=np.float64)  # [3]
+    radius = config.radius or radius
+    if not radius > RESOLUTION * abs(center).max():
+        place = " ".join(f"{x:g}" for x in center)
+        problem = f"the centre {place} is too far from the origin for cameras around a radius of {radius:g}"
+        raise DataError(scene_path, problem, "use a larger --radius, or a --center that is nearer to the origin")
+    n_test = config.views // 6 if config.test is None else config.test
+    framing = f"centre {' '.join(f'{x:.3g}' for x in center)}, radius {radius:.3g}, up {up}"
+    framing += f", without {n_left_out} much larger shapes around it" if n_left_out else ""
+    return circling_shots(config, config.views + n_test, center, radius, up), framing
 
 
 def _tests(config: CaptureConfig, n: int) -> set[int]:

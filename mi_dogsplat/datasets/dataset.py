@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -79,9 +79,7 @@ class ByteView(View):
 
 def seen_by(view: View, camera: Camera) -> View:
     """The same picture, taken by another camera; it is held, or read, as before."""
-    other = copy.copy(view)
-    object.__setattr__(other, "camera", camera)
-    return other
+    return _changed(view, "camera", camera)
 
 
 def held(view: View) -> View:
@@ -173,8 +171,13 @@ class Dataset:
 
 def shown_with(view: View, white: float) -> View:
     """The same linear radiance, of which this one is ``white``; it is held, or read, as before."""
+    return _changed(view, "white", white)
+
+
+def _changed(view: View, name: str, value: Any) -> View:
+    """A copy of a view with one attribute changed; ``dataclasses.replace`` would read the image."""
     other = copy.copy(view)
-    object.__setattr__(other, "white", white)
+    object.__setattr__(other, name, value)  # it is frozen
     return other
 
 

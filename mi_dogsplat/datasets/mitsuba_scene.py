@@ -10,6 +10,7 @@ import numpy as np
 
 from ..scene.mitsuba_cameras import camera_from_mitsuba
 from ..support.errors import DataError, interruptible
+from ..support.pictures import without_aovs
 from ..support.scene_errors import scene_error
 from ..support.srgb import linear_to_srgb
 from .dataset import Dataset, View, every_eighth, held_out, no_points, require_unique_names, views_named
@@ -67,9 +68,7 @@ def _render(mi: Any, scene: Any, sensor_index: int, spp: int) -> np.ndarray:
     """Linear render of one sensor without its AOVs: float32 [H, W, 3], or [H, W, 4] premultiplied."""
     with interruptible():
         mi.render(scene, sensor=sensor_index, spp=spp, seed=sensor_index)
-    bitmap = scene.sensors()[sensor_index].film().bitmap()
-    if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
-        bitmap = dict(bitmap.split())["<root>"]
+    bitmap = without_aovs(scene.sensors()[sensor_index].film().bitmap())
     formats = mi.Bitmap.PixelFormat
     alpha = bitmap.pixel_format() in (formats.RGBA, formats.YA, formats.XYZA)
     return np.array(bitmap.convert(formats.RGBA if alpha else formats.RGB, mi.Struct.Type.Float32, False))

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..scene.mitsuba_cameras import camera_to_mitsuba
 from ..support.errors import interruptible
+from ..support.pictures import without_aovs
 from ..support.srgb import linear_to_srgb
 from .camera_paths import Shot
 from .images import straight_color
@@ -43,9 +44,7 @@ def render_shot(mi: Any, scene: Any, shot: Shot, spp: int, seed: int, alpha: boo
     for i in range(n_passes):
         with interruptible():
             mi.render(scene, sensor=loaded, spp=side**2, seed=(seed * n_passes + i) % SEEDS)
-        bitmap = loaded.film().bitmap()
-        if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs come along
-            bitmap = dict(bitmap.split())["<root>"]
+        bitmap = without_aovs(loaded.film().bitmap())
         linear += np.array(bitmap.convert(pixel_format, mi.Struct.Type.Float32, False)) / n_passes
     if not np.isfinite(linear).all():
         raise ValueError("renders to NaN or infinity; correct the scene")

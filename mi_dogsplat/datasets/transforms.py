@@ -119,10 +119,9 @@ def not_read(path: Path) -> list[str]:
     ``DataError``."""
     given = path if path.suffix == ".json" and path.is_file() else None
     file = find_transforms(path) if path.is_dir() and not find_model(path) else given
-    frames = _parse(file)["frames"] if file else []
     if not file:
         return []
-    lines, frames = [], [frame for frame in frames if isinstance(frame, dict)]
+    lines, frames = [], [frame for frame in _parse(file)["frames"] if isinstance(frame, dict)]
     if masks := [str(frame[MASK]) for frame in frames if frame.get(MASK)]:
         folder = (file.parent / masks[0].replace("\\", "/")).parent
         lines.append(f'the "{MASK}" of {len(masks)} of its frames, which --masks {folder} would follow')

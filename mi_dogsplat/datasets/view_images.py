@@ -66,27 +66,41 @@ def load_views(
     radiance have a ``white`` of 1. Raises ``DataError`` for a file that cannot be read, a size that is not the
     camera's, and for images of which only some are linear.
     """
-    white = _white(sources)
+    return (_on_disk if on_disk else _in_memory)(sources, downscale, prescaled, _white(sources))
+
+
+def _on_disk(
+    sources: Sequence[ViewSource], downscale: int, prescaled: bool, white: float | None
+) -> tuple[list[View], bool]:
+    """Views that read their images when these are asked for; only headers are read now."""
+    headers = [header(source.image_path) for source in sources]
+    pairs = zip(sources, headers, strict=True)
+    has_alpha = any(alpha and not is_opaque(source.image_path) for source, (_, alpha) in pairs)
+
+    def view_of(source: ViewSource, size: tuple[int, int]) -> View:
+        def read() -> np.ndarray:
+            return _with_channels(_load_view(source, downscale, prescaled).image, has_alpha)
+
+        camera, straight = _camera_of(source, downscale, prescaled, size)
+        return DiskView(source.name, camera, read, straight, white)
+
+    return [view_of(source, size) for source, (size, _) in zip(sources, headers, strict=True)], has_alpha
+
+
+def _in_memory(
+    sources: Sequence[ViewSource], downscale: int, prescaled: bool, white: float | None
+) -> tuple[list[View], bool]:
+    """Views with their images, as bytes where these hold all that there is of them."""
 
     def load(source: ViewSource) -> View:
-        return _load_view(source, downscale, prescaled)
-
-    if on_disk:
-        headers = [header(source.image_path) for source in sources]
-        pairs = zip(sources, headers, strict=True)
-        any_alpha = any(alpha and not is_opaque(source.image_path) for source, (_, alpha) in pairs)
-
-        def view_of(source: ViewSource, size: tuple[int, int]) -> View:
-            camera, straight = _camera_of(source, downscale, prescaled, size)
-            return DiskView(source.name, camera, lambda: _with_channels(load(source).image, any_alpha), straight, white)
-
-        return [view_of(source, size) for source, (size, _) in zip(sources, headers, strict=True)], any_alpha
+        view = _load_view(source, downscale, prescaled)
+        return view if white else held(view)
 
     workers = min(8, usable_cores())
     as_in_file = downscale == 1 or prescaled
     _require_memory(sources, downscale, as_in_file, workers)
     with ThreadPoolExecutor(workers) as pool:  # Pillow decodes without holding the GIL
-        views = list(pool.map(lambda source: load(source) if white else held(load(source)), sources))
+        views = list(pool.map(load, sources))
     has_alpha = any(_transparent(view) for view in views)
 
     def with_channels(view: View) -> View:

@@ -110,7 +110,7 @@ def rules(
     splats: Splats, config: CleanConfig, views: Sequence[View], masks: Masks | None, drawn: DrawnAs
 ) -> list[tuple[str, Array]]:
     """Why primitives leave, and which of them stay [N], rule by rule; parts are looked for later, in what is left."""
-    found, cameras, look = [], [view.camera for view in views], (drawn.near_clip, drawn.antialiased)
+    found, cameras = [], [view.camera for view in views]
     if config.box:
         found.append(("outside of the box", in_box(splats, config.box[:3], config.box[3:])))
     if config.sphere:
@@ -120,20 +120,18 @@ def rules(
     if config.max_scale is not None:
         found.append(("too large", splats.scales.max(axis=1) <= config.max_scale))
     if config.seen:
-        found.append(("never seen", seen(splats, cameras, *look)))
+        found.append(("never seen", seen(splats, cameras, drawn)))
     if masks:
-        found.append(("outside of the masks", within_masks(splats, views, masks, *look)))
+        found.append(("outside of the masks", within_masks(splats, views, masks, drawn)))
     if config.floaters:
-        found.append(("floaters", ~evidence(splats, cameras, *look).floats))
+        found.append(("floaters", ~evidence(splats, cameras, drawn).floats))
     return found
 
 
 def write_preview(out: Path, before: Model, after: Splats, data: str | Path | None, options: PictureOptions) -> None:
     """Both models side by side, from the first test view of the data or a camera that frames the first one."""
     view = viewpoint(before.splats, data, None, options, before.drawing)
-    look = view.background, view.near_clip
-    how = {"antialiased": view.antialiased, "linear": view.linear, "white": view.white}
-    pictures = [picture_of(splats, *look, **how)(view.camera).color for splats in (before.splats, after)]
+    pictures = [picture_of(s, view.background, view.drawn)(view.camera).color for s in (before.splats, after)]
     write_png(out, np.concatenate(pictures, axis=1))
 
 
@@ -149,8 +147,7 @@ def _quality(
     drawn = drawn.beside(dataset.white)
 
     def mean(splats: Splats) -> float:
-        how = {"antialiased": drawn.antialiased, "linear": drawn.linear, "white": drawn.white}
-        picture = picture_of(splats, background, drawn.near_clip, **how)
+        picture = picture_of(splats, background, drawn)
         return float(np.mean([psnr(seen_as(picture(v.camera), v), photograph(v, background), m) for v, m in pairs]))
 
     return mean(before), mean(after)

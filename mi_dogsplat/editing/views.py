@@ -15,6 +15,7 @@ from ..engine.options import RasterOptions
 from ..engine.parameters import upload
 from ..render.picture import picture_of
 from ..scene.cameras import Camera
+from ..scene.drawing import DrawnAs
 from ..scene.shifts import seen_from
 from ..scene.splats import Array, Splats
 from ..scores.weights import weights
@@ -26,18 +27,18 @@ DEPTH_SHARE = 0.15  # of the depth of a surface: what lies so near in front of i
 DEVIATIONS = 3.0  # of a primitive along the ray, likewise
 
 
-def seen(splats: Splats, cameras: Sequence[Camera], near_clip: float, antialiased: bool) -> Array:
+def seen(splats: Splats, cameras: Sequence[Camera], drawn: DrawnAs) -> Array:
     """[N] bool, what is blended into some pixel of some view: without the others all these views have the same bits."""
-    devices = [DeviceCamera.upload(camera, near_clip) for camera in cameras]
-    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased)
+    devices = [DeviceCamera.upload(camera, drawn.near_clip) for camera in cameras]
+    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawn.antialiased)
     return weights(upload(splats), devices, options).pixels > 0
 
 
-def within_masks(splats: Splats, views: Sequence[View], masks: Masks, near_clip: float, antialiased: bool) -> Array:
+def within_masks(splats: Splats, views: Sequence[View], masks: Masks, drawn: DrawnAs) -> Array:
     """[N] bool, what has more than half of its blending weight in white pixels; views without a mask tell nothing."""
     painted = [(view, mask) for view in views if (mask := masks.of(view)) is not None]
-    devices = [DeviceCamera.upload(view.camera, near_clip) for view, _ in painted]
-    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased)
+    devices = [DeviceCamera.upload(view.camera, drawn.near_clip) for view, _ in painted]
+    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawn.antialiased)
     found = weights(upload(splats), devices, options, [mask for _, mask in painted])
     return found.weighted > 0.5 * found.total
 
@@ -55,7 +56,7 @@ class Evidence:
         return (self.free >= FREE_VIEWS) & (self.on < SUPPORT * (self.free + self.on))
 
 
-def evidence(splats: Splats, cameras: Sequence[Camera], near_clip: float, antialiased: bool) -> Evidence:
+def evidence(splats: Splats, cameras: Sequence[Camera], drawn: DrawnAs) -> Evidence:
     """What the views say about the place of each primitive.
 
     The surface of a pixel is where half of the light is left (the AOV ``median_depth``); a pixel that is never half
@@ -63,13 +64,13 @@ def evidence(splats: Splats, cameras: Sequence[Camera], near_clip: float, antial
     where it lies within 15 % of its depth or three of its own standard deviations, free where it is nearer, and
     hidden where it is farther, which tells nothing either.
     """
-    picture = picture_of(splats, 0.0, near_clip, antialiased=antialiased, aovs=("median_depth",))
+    picture = picture_of(splats, 0.0, drawn, ("median_depth",))
     free, on = np.zeros(splats.n_splats, int), np.zeros(splats.n_splats, int)
     for camera in cameras:
         surface = picture(camera).aovs["median_depth.Z"]  # [H, W], 0 where there is none
         places = seen_from(splats, camera.position)
         pixels, depths = camera.project(places)
-        rows = np.flatnonzero((depths > near_clip) & ((pixels >= 0) & (pixels < surface.shape[::-1])).all(axis=1))
+        rows = np.flatnonzero((depths > drawn.near_clip) & ((pixels >= 0) & (pixels < surface.shape[::-1])).all(axis=1))
         column, row = pixels[rows].astype(int).T
         rows, ahead = rows[surface[row, column] > 0], surface[row, column][surface[row, column] > 0]
         rays = places[rows] - camera.position

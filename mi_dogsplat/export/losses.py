@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,23 +21,19 @@ class Views:
     """From where a loss is measured: cameras, and photographs if there are any.
 
     ``photographs`` are display-referred sRGB [H, W, 3], those of linear images exposed by their ``exposure``: the
-    radiance that is their white, None where there are no linear images. ``linear`` and ``white`` are of the model.
+    radiance that is their white, None where there are no linear images. ``drawn``: how the model is.
     """
 
     cameras: list[Camera]
     photographs: list[Array]
     background: float
-    near_clip: float
-    antialiased: bool
-    linear: bool = False
-    white: float = 1.0
+    drawn: DrawnAs
     exposure: float | None = None
 
     def pictures(self, splats: Splats) -> list[Array]:
-        """[H, W, 3] of each view, display-referred sRGB, exposed as the photographs are; by ``white`` without linear
-        ones."""
-        how = {"antialiased": self.antialiased, "linear": self.linear, "white": self.white}
-        picture = picture_of(splats, self.background, self.near_clip, **how)
+        """[H, W, 3] of each view, display-referred sRGB, exposed as the photographs are; by the model's white
+        without linear ones."""
+        picture = picture_of(splats, self.background, self.drawn)
         return [exposed_by(picture(camera), self.exposure) for camera in self.cameras]
 
 
@@ -57,16 +53,15 @@ def views_of(
     splats: Splats, dataset: Dataset | None, count: int, options: PictureOptions, drawn: DrawnAs, up: str | None = None
 ) -> Views:
     """At most ``count`` test views of a data set, training views where it has none; else views from around a model."""
-    how = drawn.antialiased, drawn.linear
     if dataset is None:
-        near_clip = near_clip_for(splats, drawn.near_clip, options.near_clip)
-        background = background_color(options.background, False)
-        return Views(cameras_around(splats, count, up), [], background, near_clip, *how, drawn.white)
+        drawn = replace(drawn, near_clip=near_clip_for(splats, drawn.near_clip, options.near_clip))
+        return Views(cameras_around(splats, count, up), [], background_color(options.background, False), drawn)
     background = background_color(options.background, dataset.has_alpha)
     held_out = dataset.test or dataset.train
     views = held_out[:: -(-len(held_out) // count)]
-    photographs, white = [photograph(view, background) for view in views], drawn.beside(dataset.white).white
-    return Views([view.camera for view in views], photographs, background, drawn.near_clip, *how, white, dataset.white)
+    photographs = [photograph(view, background) for view in views]
+    cameras = [view.camera for view in views]
+    return Views(cameras, photographs, background, drawn.beside(dataset.white), dataset.white)
 
 
 def losses(stages: dict[str, Splats], views: Views) -> list[Loss]:

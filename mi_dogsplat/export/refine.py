@@ -89,8 +89,8 @@ def look_from_near(model: Splats, drawn: DrawnAs, background: float = GREY) -> L
 
 def rendered(model: Splats, cameras: list[Camera], look: Look) -> list[Array]:
     """[H, W, 3] from each camera, in the model's own colours, linear or not."""
-    how = {"antialiased": look.antialiased, "linear": look.white is not None, "white": look.white or 1.0}
-    picture = picture_of(model, look.background, look.near_clip, **how)
+    drawn = DrawnAs(look.antialiased, look.near_clip, look.white is not None, look.white or 1.0)
+    picture = picture_of(model, look.background, drawn)
     found = [picture(camera) for camera in cameras]
     return [seen.color if seen.radiance is None else seen.radiance for seen in found]
 

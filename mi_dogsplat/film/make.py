@@ -75,17 +75,9 @@ def make_film(
     if n > MOST_FRAMES:
         raise DataError("--seconds", f"{n / config.fps:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
     what = f"{path.what}: {counted(n, 'frame')} of {size[0]} x {size[1]}"
-    drawn = subject.drawn
     alpha = pictures is not None and pictures.alpha
     background = 0.0 if alpha else subject.background  # which would clamp what is brighter than it leaves room for
-    picture = picture_of(
-        subject.model.splats,
-        background,
-        drawn.near_clip,
-        antialiased=drawn.antialiased,
-        linear=drawn.linear,
-        white=drawn.white,
-    )
+    picture = picture_of(subject.model.splats, background, subject.drawn)
     moments = path.moments(n, steps, config.shutter, config.samples if config.shutter else 1)  # [n, samples]
 
     def frame(number: int) -> np.ndarray:
@@ -97,8 +89,7 @@ def make_film(
             require_even(out, size)
             _video(out, frame, n, size, config, lambda done: progress(done, n, what))
         else:
-            cameras = path.sha256(moments)
-            with pictures.claimed(_settings(subject, config, n, size) | {"cameras_sha256": cameras}):
+            with pictures.claimed(_settings(subject, config, n, size) | {"cameras_sha256": path.sha256(moments)}):
                 _pictures(pictures, frame, n, lambda done: progress(done, n, what))
     return Film(n, size, path.what)
 

@@ -12,9 +12,9 @@ from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from . import spz
 from .grids import LLOYD_ROUNDS, Extents, FileGrids, Grid, Steps
 from .packing import SQRT2, logits
+from .palette import CODES
 
 MOST_BITS = 20  # of a position in SPZ, for a table that is searched
-MOST_VALUES = 256  # of a codebook in SOG
 
 
 def _spz(extents: Extents, steps: Steps) -> FileGrids:
@@ -90,7 +90,7 @@ def _multiples(step: int, most: int) -> Array:
 def _codebook(bounds: tuple[float, float], step: float) -> Grid:
     """Multiples of ``step`` within bounds, or of more where they are too many."""
     low, high = bounds
-    step *= max(1, np.ceil((high - low) / step / (MOST_VALUES - 3)))
+    step *= max(1, np.ceil((high - low) / step / (CODES - 3)))
     return Grid.of(np.arange(np.floor(low / step), np.ceil(high / step) + 1) * step)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..scene.drawing import drawing_of
 from ..scene.ply_tables import TableReader
+from ..scene.quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from ..support.wording import counted
@@ -51,7 +52,7 @@ def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
         chunk = np.arange(n) // CHUNK
         extent = (high.astype(np.float64) - low)[chunk]  # float32 may hold no difference
         words.append(_packed((values.astype(np.float64) - low[chunk]) / np.where(extent > 0, extent, 1), layout))
-    largest, three = smallest_three(unit_quats(splats)[:, [3, 0, 1, 2]])
+    largest, three = smallest_three(unit_quats(splats)[:, WXYZ_FROM_XYZW])
     rotations = (largest.astype(np.uint32) << 30) | _packed(three / SQRT2 + 0.5, BITS_OF_ROTATION)
     words[2] |= _packed(splats.opacities[:, None], ((0, 8),))
     positions, packed_scales, packed_colors = words
@@ -69,11 +70,6 @@ def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
     vertex = np.stack([positions, rotations, packed_scales, packed_colors], axis=1)  # [N, 4]
     text = "\n".join([*header, "end_header\n"]).encode()
     return text + chunks.astype("<f4").tobytes() + vertex.astype("<u4").tobytes() + sh.tobytes() + rows
-
-
-def decode(path: Path) -> Splats:
-    """The model in a file. Raises ``DataError``."""
-    return read(path).splats
 
 
 def read(path: Path) -> Model:
@@ -113,7 +109,7 @@ def read(path: Path) -> Model:
     splats = Splats(
         means=between(0, "packed_position", BITS_OF_POSITION),
         log_scales=between(1, "packed_scale", BITS_OF_POSITION),
-        quats=from_smallest_three(rotation >> 30, three)[:, [1, 2, 3, 0]],
+        quats=from_smallest_three(rotation >> 30, three)[:, XYZW_FROM_WXYZ],
         logit_opacities=logits(_unpacked(vertex["packed_color"].astype(np.uint32), ((0, 8),))[:, 0]),
         sh_coeffs=sh,
         **trailer.decode(reader, rows, n),

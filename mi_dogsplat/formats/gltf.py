@@ -9,7 +9,6 @@ up and is in metres.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from ..scene.drawing import EXTRAS, Drawing
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from .gltf_container import glb, gltf
-from .gltf_read import DISPLAY, LINEAR, NAME, placing, read
+from .gltf_read import DISPLAY, LINEAR, NAME, placing
 from .packing import finite_scales, unit_quats
 
 FLOAT, BYTE, ARRAY_BUFFER, POINTS = 5126, 5121, 34962, 0
@@ -77,11 +76,6 @@ def encode(splats: Splats, drawing: Drawing = Drawing(), binary: bool = True) ->
         "buffers": [{"byteLength": at}],
     }
     return (glb if binary else gltf)(content, b"".join(parts))
-
-
-def decode(path: Path) -> Splats:
-    """The model in a file, in LUF axes. Raises ``DataError``."""
-    return read(path).splats
 
 
 def sh_names(degree: int) -> list[str]:

@@ -149,16 +149,16 @@ def _measured(kind: FileKind, splats: Splats) -> Prices:
     flat = sample.uniform_sh(0)
     whole, half = size(flat), size(_half(flat))
     base = max(1.0, (whole - half) / (flat.n_splats - flat.n_splats // 2))
-    prices, degrees = [base], sample.sh_degrees
+    bands, degrees = [base], sample.sh_degrees
     for degree in range(1, MAX_SH_DEGREE + 1):
         have = sample.select(degrees >= degree)
         added = 0.0
         if have.n_splats:
             added = (size(have.uniform_sh(degree)) - size(have.uniform_sh(degree - 1))) / have.n_splats
         elif degree > 1:
-            added = prices[-1] - prices[-2]
-        prices.append(prices[-1] + max(0.0, added))
-    return Prices(max(0.0, whole - base * flat.n_splats), tuple(prices), 0.0)
+            added = bands[-1] - bands[-2]
+        bands.append(bands[-1] + max(0.0, added))
+    return Prices(max(0.0, whole - base * flat.n_splats), tuple(bands), 0.0)
 
 
 def _sample(splats: Splats) -> Splats:

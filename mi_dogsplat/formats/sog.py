@@ -15,21 +15,20 @@ import io
 import json
 import math
 import zipfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..scene.drawing import EXTRAS, Drawing
+from ..scene.quaternions import WXYZ_FROM_XYZW
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from .packing import SQRT2, smallest_three, unit_quats
-from .palette import codebook, nearest, palette
-from .sog_read import FIRST_TAG, PER_ROW, read
+from .palette import CODES, codebook, nearest, palette
+from .sog_read import FIRST_TAG, PER_ROW
 
 MAX_PALETTE = 65536
-MOST_VALUES = 256  # of a table
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of the files in the ZIP: the same model gives the same bytes
 
 
@@ -51,7 +50,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     steps = np.round((logs - low) / np.where(high > low, high - low, 1) * 65535).astype(np.uint16)
     means = {"mins": low.tolist(), "maxs": high.tolist()}
     means["files"] = [store("means_l.webp", steps & 255), store("means_u.webp", steps >> 8)]
-    largest, three = smallest_three(unit_quats(splats)[:, [3, 0, 1, 2]])
+    largest, three = smallest_three(unit_quats(splats)[:, WXYZ_FROM_XYZW])
     quats = np.concatenate([_bytes((three * SQRT2 + 1) / 2), (FIRST_TAG + largest)[:, None]], axis=1)
     sizes, (dc, indices) = codebook(splats.log_scales), _colors(splats.sh_coeffs[:, 0], bool(drawing.linear))
     sh0 = np.concatenate([indices, _bytes(splats.opacities[:, None])], axis=1)
@@ -86,17 +85,12 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     return buffer.getvalue()
 
 
-def decode(path: Path) -> Splats:
-    """The model in a bundle, or in the folder of a meta.json. Raises ``DataError``."""
-    return read(path).splats
-
-
 def _colors(dc: Array, linear: bool) -> tuple[Array, Array]:
     """Table [256] of f_dc, and indices into it of [N, 3].
 
     Of linear colours, in units of white, it is made through the tone curve: else lamps would take all of its entries.
     """
-    if not linear or len(np.unique(dc)) <= MOST_VALUES:  # the values themselves
+    if not linear or len(np.unique(dc)) <= CODES:  # the values themselves
         table = codebook(dc)
         return table, nearest(table, dc)
     seen = linear_to_srgb_log(0.5 + C0 * dc.astype(np.float64))

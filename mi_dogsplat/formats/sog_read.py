@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.drawing import Drawing, drawing_of_extras, value_of
+from ..scene.quaternions import XYZW_FROM_WXYZ
 from ..scene.splats import Array, Splats
 from ..support.errors import DAMAGED, DataError
 from ..support.files import parse_json
@@ -124,7 +125,7 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
     splats = Splats(
         means=np.sign(logs) * np.expm1(np.abs(logs)),
         log_scales=_table(meta["scales"]["codebook"])[pixels("scales")[:, :3]],
-        quats=wxyz[:, [1, 2, 3, 0]],
+        quats=wxyz[:, XYZW_FROM_WXYZ],
         logit_opacities=logits(sh0[:, 3] / 255),
         sh_coeffs=sh,
     )

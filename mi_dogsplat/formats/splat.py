@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..scene.quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DAMAGED, DataError
@@ -31,7 +32,7 @@ def encode(splats: Splats) -> bytes:
     colors = np.concatenate([splats.sh_coeffs[:, 0] * C0 + 0.5, splats.opacities[:, None]], axis=1)  # [N, 4]
     rows["means"], rows["scales"] = splats.means, finite_scales(splats)
     rows["rgba"] = np.round(np.clip(colors, 0, 1) * 255)
-    rows["quats"] = np.clip(np.round(unit_quats(splats)[:, [3, 0, 1, 2]] * MIDDLE + MIDDLE), 0, 255)
+    rows["quats"] = np.clip(np.round(unit_quats(splats)[:, WXYZ_FROM_XYZW] * MIDDLE + MIDDLE), 0, 255)
     size = splats.log_scales.astype(np.float64).sum(axis=1) + np.log(np.maximum(splats.opacities, 1e-30))
     return rows[np.argsort(-size, kind="stable")].tobytes()
 
@@ -49,7 +50,7 @@ def read(path: Path) -> Model:
     splats = Splats(
         means=rows["means"],
         log_scales=log_scales,
-        quats=quats[:, [1, 2, 3, 0]],
+        quats=quats[:, XYZW_FROM_WXYZ],
         logit_opacities=logits(rgba[:, 3]),
         sh_coeffs=((rgba[:, :3] - 0.5) / C0)[:, None],
     )

@@ -79,11 +79,6 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     return _gzip([header, *(a.tobytes() for a in attributes)], "\n".join(said))
 
 
-def decode(path: Path) -> Splats:
-    """The model in a file, in RUB axes. Raises ``DataError``."""
-    return read(path).splats
-
-
 def read(path: Path) -> Model:
     """The content of a file of version 2, 3 or 4, in RUB axes. Raises ``DataError``."""
     return content_of(path, path.read_bytes())

@@ -10,9 +10,9 @@ from pathlib import Path
 from ..scene.drawing import NAMES, comments_of, drawing_of
 from ..scene.ply import read_ply_and_comments, write_ply
 from ..scene.splats import Array, Splats
-from ..support.errors import DataError, writing
-from ..support.files import replacing
-from . import compressed_ply, gltf, sog, splat, spz
+from ..support.errors import DataError
+from ..support.files import write_bytes
+from . import compressed_ply, gltf, gltf_read, sog, sog_read, splat, spz
 from .model import Model
 from .packing import LUF, RUB, Turn, by_color, in_space
 
@@ -60,14 +60,6 @@ def _written(encode: Callable[[Model], bytes]) -> Callable[[Path, Model], None]:
     return lambda path, model: write_bytes(path, encode(model))
 
 
-def write_bytes(path: Path, content: bytes) -> None:
-    """Make ``content`` that of ``path``, or leave everything as it was. Raises ``DataError``."""
-    with writing(path):
-        path.parent.stat()  # a folder that is missing is a typing error: none is made
-        with replacing(path) as part:
-            part.write_bytes(content)
-
-
 LIGHT = frozenset({"antialiased", "linear", "white"})
 PLY = Format(
     "PLY",
@@ -107,7 +99,7 @@ SPZ = Format(
 )
 SOG = Format(
     "SOG",
-    sog.read,
+    sog_read.read,
     _written(lambda model: sog.encode(model.splats, model.drawing)),
     ALL,
     order=in_space,
@@ -116,7 +108,7 @@ SOG = Format(
 GLB, GLTF = (
     Format(
         "glTF",
-        gltf.read,
+        gltf_read.read,
         _written(lambda model, binary=binary: gltf.encode(model.splats, model.drawing, binary)),
         ALL,
         LUF,

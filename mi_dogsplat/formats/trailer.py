@@ -100,7 +100,7 @@ class Rows:
         return np.arange(self.bounded) >= self.bounded - self.even
 
     def decode(self, reader: TableReader, part: bytes, n: int) -> tuple[Array, Array, Array]:
-        """(index [M] below ``n``, bytes [M, whole], numbers [M, bounded]) of ``size`` bytes. Raises ``DataError``."""
+        """(index [M] below ``n``, bytes [M, whole], numbers [M, bounded]) of ``part``. Raises ``DataError``."""
         low, high = np.frombuffer(part, "<f4", 2 * self.bounded).astype(np.float64).reshape(2, self.bounded)
         if not (np.abs(low) <= self.most).all() or not ((low <= high) & (high <= self.most)).all():
             reader.fail(f"the bounds of its {self.kind} rows make no sense")

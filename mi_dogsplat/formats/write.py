@@ -15,13 +15,14 @@ from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..scene.whole import whole
 from ..support.errors import DataError
+from ..support.files import write_bytes
 from ..support.wording import count, counted
 from .model import Model, require_finite
 from .packing import turned
 from .spz import BRIGHTEST
 from .spz import encode as encode_spz
 from .spz_container import rewrapped, zstandard_for
-from .table import PLY, SPZ, Format, format_to_write, write_bytes
+from .table import PLY, SPZ, Format, format_to_write
 
 SPZ_VERSIONS = (3, 4)  # that are written
 CLAMPED = 1 / 32  # by which a log scale is out of range: half a step of SPZ, less is rounding
@@ -46,17 +47,7 @@ def write_model(
     path = Path(path)
     chosen = format_to_write(path)
     model = model if isinstance(model, Model) else Model(model)
-    splats = model.splats
-    if splats.n_dog and not chosen.dog:
-        problem = f"{chosen.name} has no room for DoG, the model has {splats.n_dog} of them"
-        raise DataError(path, problem, "bake them first, as dogsplat export does, or write a .ply")
-    if not splats.n_splats and not chosen.empty:
-        problem = f"{chosen.name} has no room for a model without primitives"
-        raise DataError(path, problem, "write one that has some, or a .ply")
-    for name, value in model.drawing.said().items():
-        if value_of(name, value) is None:
-            problem = f'"{name}" of the drawing is {value}, which no reader would take'
-            raise DataError(path, problem, "give another value")
+    _require_room(path, chosen, model)
     require_spz_version(path, chosen, spz_version)
     silent = chosen is SPZ and spz_version == 4 and bool(model.drawing.linear)  # its header has no room for a comment
     lost = what_is_lost(replace(SPZ, brightest=BRIGHTEST) if silent else chosen, model)
@@ -65,14 +56,7 @@ def write_model(
             lost.append("SPZ 4 cannot say that its colours are linear and in units of white; write version 3")
         else:
             lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
-    if not chosen.shifts:
-        splats = splats.without_shifts()
-    if not chosen.cuts:
-        splats = whole(splats)
-    if splats.is_varied.any() and not chosen.slopes:
-        splats = splats.without_slopes()
-    if splats.mixed_sh and not (sh_rows and chosen.mixed_sh):
-        splats = splats.uniform_sh()
+    splats = _held_by(chosen, model.splats, sh_rows)
     if chosen is not PLY:  # whose writer looks at its numbers by itself
         require_finite(path, splats, "nothing was written; remove those primitives")
     if chosen.order:
@@ -87,6 +71,34 @@ def write_model(
     else:
         chosen.write(path, replace(model, splats=splats, drawing=said))
     return lost
+
+
+def _require_room(path: Path, chosen: Format, model: Model) -> None:
+    """Raise ``DataError`` for DoG, or no primitives, that a format has no room for, and for a drawing of no sense."""
+    splats = model.splats
+    if splats.n_dog and not chosen.dog:
+        problem = f"{chosen.name} has no room for DoG, the model has {splats.n_dog} of them"
+        raise DataError(path, problem, "bake them first, as dogsplat export does, or write a .ply")
+    if not splats.n_splats and not chosen.empty:
+        problem = f"{chosen.name} has no room for a model without primitives"
+        raise DataError(path, problem, "write one that has some, or a .ply")
+    for name, value in model.drawing.said().items():
+        if value_of(name, value) is None:
+            problem = f'"{name}" of the drawing is {value}, which no reader would take'
+            raise DataError(path, problem, "give another value")
+
+
+def _held_by(chosen: Format, splats: Splats, sh_rows: bool) -> Splats:
+    """The nearest model of those parts that a format holds; ``sh_rows``: as in ``write_model``."""
+    if not chosen.shifts:
+        splats = splats.without_shifts()
+    if not chosen.cuts:
+        splats = whole(splats)
+    if splats.is_varied.any() and not chosen.slopes:
+        splats = splats.without_slopes()
+    if splats.mixed_sh and not (sh_rows and chosen.mixed_sh):
+        splats = splats.uniform_sh()
+    return splats
 
 
 def require_spz_version(path: Path, chosen: Format, spz_version: int) -> None:

@@ -43,7 +43,7 @@ def _words(descriptors: Sequence[np.ndarray], rng: np.random.Generator) -> np.nd
     sample = everything[rng.permutation(len(everything))[:SAMPLE]]
     words = sample[:WORDS]
     for _ in range(ROUNDS):
-        nearest_word = (sample @ words.T - 0.5 * (words**2).sum(axis=1)).argmax(axis=1)  # [S]
+        nearest_word = _nearest_words(sample, words)  # [S]
         counts = np.bincount(nearest_word, minlength=len(words))
         sums = np.stack([np.bincount(nearest_word, column, len(words)) for column in sample.T], -1)
         words = np.where(counts[:, None] > 0, sums / np.maximum(counts, 1)[:, None], words).astype(np.float32)
@@ -52,8 +52,13 @@ def _words(descriptors: Sequence[np.ndarray], rng: np.random.Generator) -> np.nd
 
 def _vlad(descriptors: np.ndarray, words: np.ndarray) -> np.ndarray:
     """Sums of the residuals at each word, each of length 1, and all of them together; float32 [WORDS * 128]."""
-    nearest_word = (descriptors @ words.T - 0.5 * (words**2).sum(axis=1)).argmax(axis=1)
+    nearest_word = _nearest_words(descriptors, words)
     residuals = np.zeros_like(words)
     np.add.at(residuals, nearest_word, descriptors - words[nearest_word])
     residuals /= np.maximum(np.linalg.norm(residuals, axis=1, keepdims=True), 1e-9)
     return (residuals / max(float(np.linalg.norm(residuals)), 1e-9)).ravel()
+
+
+def _nearest_words(descriptors: np.ndarray, words: np.ndarray) -> np.ndarray:
+    """[F] which of the words [WORDS, 128] is nearest to each descriptor [F, 128]."""
+    return (descriptors @ words.T - 0.5 * (words**2).sum(axis=1)).argmax(axis=1)

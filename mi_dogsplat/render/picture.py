@@ -17,6 +17,7 @@ from ..engine.parameters import upload
 from ..engine.rasterize import rasterize
 from ..scene.appearance import photographed, radii_squared
 from ..scene.cameras import Camera
+from ..scene.drawing import DrawnAs
 from ..scene.splats import Splats
 from ..support.srgb import displayed, linear_to_srgb, srgb_to_linear
 
@@ -84,28 +85,18 @@ def render_picture(
 
 
 def picture_of(
-    splats: Splats,
-    background: float,
-    near_clip: float,
-    *,
-    antialiased: bool = False,
-    linear: bool = False,
-    white: float = 1.0,
-    aovs: Sequence[str] = (),
+    splats: Splats, background: float, drawn: DrawnAs = DrawnAs(), aovs: Sequence[str] = ()
 ) -> Callable[[Camera], Picture]:
     """Renderer of a model, which may be empty and is uploaded once.
 
     Args:
         background: grey level behind, 0..1.
-        near_clip: world units.
-        antialiased: as in ``RasterOptions``.
-        linear, white: as in ``render_picture``.
         aovs: names as in ``aovs.py``, which the pictures carry.
     """
     params = upload(splats)
-    options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased))
-    how = {"linear": linear, "white": white}
-    return lambda camera: render_picture(params, camera, options, background, near_clip, aovs, **how)
+    options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=drawn.antialiased))
+    how = {"linear": drawn.linear, "white": drawn.white}
+    return lambda camera: render_picture(params, camera, options, background, drawn.near_clip, aovs, **how)
 
 
 def photograph(view: View, background: float) -> np.ndarray:

@@ -15,7 +15,7 @@ from ..formats.read import read_model
 from ..scene.appearance import read_appearance
 from ..support.errors import DataError, interruptible, writing
 from ..support.files import replacing
-from ..support.pictures import write_channels, write_exr, write_png
+from ..support.pictures import without_aovs, write_channels, write_exr, write_png
 from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.srgb import linear_to_srgb
 from ..support.threads import threads_to_load
@@ -57,13 +57,12 @@ def render_model(
     names = _aovs(out, aovs)
     read = read_model(model)
     view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
-    options.require_for(view.linear)
+    options.require_for(view.drawn.linear)
     background = view.background if suffix == ".png" else 0.0
-    how = {"antialiased": view.antialiased, "linear": view.linear, "white": view.white}
-    if appearance and view.linear:
+    if appearance and view.drawn.linear:
         raise DataError("--appearance", "is of photographs, and the model holds linear radiance", "leave it out")
     numbers = read_appearance(Path(appearance)).numbers(view.camera, view.name) if appearance else None
-    picture = picture_of(read.splats, background, view.near_clip, **how, aovs=names)(view.camera)
+    picture = picture_of(read.splats, background, view.drawn, names)(view.camera)
     if numbers is not None:
         picture = as_taken(picture, view.camera, numbers)
     with writing(out):
@@ -114,9 +113,8 @@ def render_scene(
         with writing(out):
             write_channels(out, named)
         return
-    if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs came along
-        bitmap = dict(bitmap.split())["<root>"]
-    linear = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False))  # [H, W, 3]
+    rgb = without_aovs(bitmap).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
+    linear = np.array(rgb)  # [H, W, 3]
     if np.isnan(linear).any():
         raise DataError(path, "its render holds NaN", "correct the scene, or write .exr to see where they are")
     with writing(out):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..scene.camera_file import read_camera
 from ..scene.cameras import Camera
-from ..scene.drawing import Drawing, drawn_as
+from ..scene.drawing import Drawing, DrawnAs, drawn_as
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .framing import automatic_camera, near_clip_for
@@ -20,14 +20,11 @@ MAX_NAMES = 5  # views that an error message lists
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """From where a model is looked at, and over what."""
+    """From where a model is looked at, over what, and how it is drawn."""
 
     camera: Camera
-    near_clip: float  # world units
     background: float  # grey level, 0..1
-    antialiased: bool = False
-    linear: bool = False  # colours of the primitives are linear radiance
-    white: float = 1.0  # which of it is shown as white
+    drawn: DrawnAs
     name: str | None = None  # of the view of a data set that it is
 
 
@@ -52,11 +49,9 @@ def viewpoint(
     """
     found, has_alpha, name = _camera(splats, data, camera, options.shrink, drawing.up)
     drawn = drawn_as(options.drawing, drawing)
-    near_clip = drawn.near_clip
     if not (camera or data):
-        near_clip = near_clip_for(splats, near_clip, options.near_clip)
-    background = background_color(options.background, has_alpha)
-    return Viewpoint(found, near_clip, background, drawn.antialiased, drawn.linear, drawn.white, name)
+        drawn = replace(drawn, near_clip=near_clip_for(splats, drawn.near_clip, options.near_clip))
+    return Viewpoint(found, background_color(options.background, has_alpha), drawn, name)
 
 
 def _camera(

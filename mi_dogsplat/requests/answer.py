@@ -23,7 +23,7 @@ from .masks import require_counts, splat_masks, without_holdouts
 from .mattes import ranked
 from .objects import object_of_primitive
 from .request import SOURCE, Request
-from .scene_description import load_scene, number_of
+from .scene_description import drawn_of, load_scene, number_of
 
 BAND_PIXELS = 2**21  # of splats alone, between two steps: each band sorts all primitives
 STEP_SAMPLES = 8  # per pixel of a scene, between two steps at least
@@ -76,27 +76,25 @@ class Answerer:
         assert request.model and request.camera
         shape, camera = self._model(request.model), request.camera
         require_counts(request, number_of(shape))
-        drawing = shape.drawing
-        antialiased = bool(drawing.antialiased) if request.antialiased is None else request.antialiased
+        drawn = drawn_of(request, shape)
         names = sorted({AOV_OF_PASS[name] for name in request.passes})
         degree = sh_degree_of(shape.sh_size)
-        plain = RasterOptions(sh_degree=degree, antialiased=antialiased)
+        plain = RasterOptions(sh_degree=degree, antialiased=drawn.antialiased)
         options, bands = options_for(names, plain), []
-        near, linear = _near(request, shape), bool(drawing.linear)
         params, masks = shape.parameters, splat_masks(request, number_of(shape))
         if masks:
-            params = masks.shown(params, linear)
+            params = masks.shown(params, drawn.linear)
         most = max(BAND_PIXELS // camera.width, 1)
         for top in range(0, camera.height, most):
             rows = min(most, camera.height - top)
             band = Camera(camera.w2c, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.width, rows)
             film = (0.0, -float(top), float(camera.width), float(camera.height - top))
             how = {"film": film, "perspective": not request.orthographic}
-            picture = render_picture(params, band, options, 0.0, near, names, linear=linear, **how)
+            picture = render_picture(params, band, options, 0.0, drawn.near_clip, names, linear=drawn.linear, **how)
             color = picture.color if picture.radiance is None else np.maximum(picture.radiance, 0)
             hole = np.zeros_like(picture.alpha)
             if masks:
-                seen = DeviceCamera.upload(band, near, **how)
+                seen = DeviceCamera.upload(band, drawn.near_clip, **how)
                 hole = masks.hole(params, seen, plain, None).numpy().reshape(hole.shape)
             alpha = picture.alpha - hole
             found = {"color": color, "alpha": alpha, **_planes(picture, alpha, request)}
@@ -120,14 +118,8 @@ class Answerer:
             if done < request.samples:
                 yield done / request.samples, picture
         if request.passes:
-            picture |= data_passes(request, scene, splats, _near(request, splats))
+            picture |= data_passes(request, scene, splats)
         yield 1.0, picture
-
-
-def _near(request: Request, shape: Any) -> float:
-    if request.near_clip is not None:
-        return request.near_clip
-    return 0.2 if shape is None or shape.drawing.near_clip is None else shape.drawing.near_clip
 
 
 def _planes(picture: Picture, alpha: np.ndarray, request: Request) -> Arrays:

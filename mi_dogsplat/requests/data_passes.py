@@ -22,12 +22,12 @@ from .masks import camera_masks, without_holdouts
 from .mattes import NOTHING, ranked
 from .objects import SurfaceObjects, object_of_primitive
 from .request import Request
-from .scene_description import number_of
+from .scene_description import drawn_of, number_of
 
 MATTE_SAMPLES = 8  # per pixel
 
 
-def data_passes(request: Request, scene: mi.Scene, splats: Any | None, near_clip: float) -> dict[str, np.ndarray]:
+def data_passes(request: Request, scene: mi.Scene, splats: Any | None) -> dict[str, np.ndarray]:
     """Those that the request asks for.
 
     At the centres of the pixels: ``depth`` [H, W] along the optical axis, infinite where nothing is; ``normal``
@@ -37,7 +37,7 @@ def data_passes(request: Request, scene: mi.Scene, splats: Any | None, near_clip
     Objects of splats come first, those of surfaces are numbered by their ids. Where holdouts cover most of a pixel
     nothing is.
     """
-    (view,) = SensorReader().views(scene.sensors()[0], near_clip)
+    (view,) = SensorReader().views(scene.sensors()[0], drawn_of(request, splats).near_clip)
     masks = camera_masks(request, scene, number_of(splats))
     seen, found = _Seen(request, SurfaceObjects(scene), scene, splats, masks), {}
     with dr.suspend_grad():
@@ -76,9 +76,7 @@ class _Seen:
         if self.splats is None:
             return Frame([zero] * 3, zero + 1, zero, [zero] * 3), mi.Int32(NOTHING), hole
         params, _ = concatenate([self.splats.parameters], [self.splats.sh_size])
-        antialiased = self.request.antialiased
-        if antialiased is None:
-            antialiased = bool(self.splats.drawing.antialiased)
+        antialiased = drawn_of(self.request, self.splats).antialiased
         options = options_for(names, RasterOptions(sh_degree=0, antialiased=antialiased))  # colours are not asked for
         if self.masks and self.masks.splats:
             params = self.masks.splats.shown(params, True)

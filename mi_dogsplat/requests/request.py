@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from ..scene.camera_file import camera_from_json
 from ..scene.cameras import Camera
+from ..scene.drawing import Drawing
 from ..support.errors import DataError
 from .fields import KINDS
 
@@ -57,6 +58,11 @@ class Request:
     mesh_shadows: bool = False
     holdout: tuple[int, ...] = ()
     indirect_only: tuple[int, ...] = ()
+
+    @property
+    def drawing(self) -> Drawing:
+        """What it says on how the model is drawn."""
+        return Drawing(self.antialiased, self.near_clip)
 
 
 def read_request(content: Any) -> Request:

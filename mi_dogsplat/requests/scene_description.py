@@ -13,6 +13,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..scene.drawing import Drawing, DrawnAs, drawn_as
 from ..scene.splats import DENSE, Splats
 from ..support.errors import DataError
 from ..support.files import read_json
@@ -86,6 +87,11 @@ def number_of(splats: Any | None) -> int:
     return 0 if splats is None else splats.means.shape[0]
 
 
+def drawn_of(request: Request, splats: Any | None) -> DrawnAs:
+    """How the splats of a shape, if there is one, are drawn: as the request says, else as their file does."""
+    return drawn_as(request.drawing, Drawing() if splats is None else splats.drawing)
+
+
 def hides_background(request: Request) -> bool:
     """Whether the environment is hidden together with the lamps, so that it has to be put behind the picture."""
     return request.hide_lamps and not request.transparent
@@ -100,9 +106,7 @@ def _integrator(request: Request, splats: Any | None, masked: bool) -> dict[str,
     common = {"max_depth": request.max_depth, "hide_emitters": hides_lamps(request)}
     if not (number_of(splats) or masked):
         return {"type": "path" if request.transparent else "prb", **common}
-    said = {"near_clip": request.near_clip, "antialiased": request.antialiased}
-    common["mesh_shadows"] = request.mesh_shadows
-    return {"type": "dogpath", **common, **{name: value for name, value in said.items() if value is not None}}
+    return {"type": "dogpath", **common, "mesh_shadows": request.mesh_shadows, **request.drawing.said()}
 
 
 def _decoded(value: Any, folder: Path) -> Any:

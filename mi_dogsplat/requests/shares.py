@@ -8,7 +8,6 @@ import numpy as np
 
 from ..engine.parameters import upload
 from ..formats.read import read_model
-from ..scene.drawing import drawn_as
 from ..scene.opacity import sigmoid
 from ..scene.splats import Splats
 
@@ -18,7 +17,7 @@ class Shares:
 
     def __init__(self, path: Path):
         model = read_model(path)
-        self.splats, self.drawing = model.splats, drawn_as(model.drawing)
+        self.splats, self.drawing = model.splats, model.drawing
         self._ranks: np.ndarray | None = None
         self._parts: dict[int, dict] = {}  # by their number of primitives: all of them, and the latest share
 

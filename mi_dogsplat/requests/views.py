@@ -15,10 +15,11 @@ from ..engine.options import RasterOptions
 from ..engine.rasterize import rasterize
 from ..plugin.transfer import linear_to_srgb, srgb_to_linear
 from ..scene.cameras import Camera
+from ..scene.drawing import drawn_as
 from ..support.errors import DataError, interruptible
 from ..support.scene_errors import scene_error
 from .gradual import finished, in_steps, means
-from .masks import camera_masks, splat_masks
+from .masks import camera_masks, hides_lamps, splat_masks
 from .request import SOURCE
 from .scene_description import files_of, load_scene, no_splats, number_of
 from .shares import Shares
@@ -64,25 +65,24 @@ class Views:
         path, camera = request.model, request.camera
         assert path and camera
         model: Shares = self._keep("model", [path], (), lambda: Shares(path))
-        antialiased = model.drawing.antialiased if request.antialiased is None else request.antialiased
-        near = model.drawing.near_clip if request.near_clip is None else request.near_clip
-        seen = DeviceCamera.upload(camera, near, perspective=not request.orthographic)
-        options = RasterOptions(sh_degree=model.splats.sh_degree, antialiased=antialiased)
+        drawn = drawn_as(request.drawing, model.drawing)
+        seen = DeviceCamera.upload(camera, drawn.near_clip, perspective=not request.orthographic)
+        options = RasterOptions(sh_degree=model.splats.sh_degree, antialiased=drawn.antialiased)
         params, hole = model.part(request.share), None
         if masks := splat_masks(request, model.splats.n_splats, model.chosen(request.share)):
-            params = masks.shown(params, bool(model.drawing.linear))
+            params = masks.shown(params, drawn.linear)
             hole = masks.hole(params, seen, options, None)
         frame = rasterize(params, seen, options)
-        of_light, white = model.drawing.linear, dr.opaque(mi.Float, model.drawing.white)
-        colors, alpha = [dr.maximum(c, 0) if of_light else dr.clip(c, 0, 1) for c in frame.colors], 1 - frame.T
+        white = dr.opaque(mi.Float, drawn.white)
+        colors, alpha = [dr.maximum(c, 0) if drawn.linear else dr.clip(c, 0, 1) for c in frame.colors], 1 - frame.T
         if request.background is not None:
             behind = [dr.opaque(mi.Float, value) for value in request.background]
             colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
             alpha = dr.full(mi.Float, 1, dr.width(frame.T))
-        if request.linear and not of_light:
+        if request.linear and not drawn.linear:
             share = 1.0 if hole is None else dr.maximum(1 - hole, 1e-6)  # of the pixel, of which colours are the mean
             colors = [share * c for c in srgb_to_linear([c / share for c in colors])]
-        elif of_light and not request.linear:
+        elif drawn.linear and not request.linear:
             colors = [dr.clip(c, 0, 1) for c in linear_to_srgb([c / white for c in colors])]
         alpha = alpha if hole is None else alpha - hole
         pixels: Any = dr.ravel(mi.Vector4f(*colors, alpha))
@@ -122,10 +122,8 @@ class Views:
         from .headlight import QuickIntegrator  # of the active variant
 
         splats = self._shape(request.model)
-        drawing = {"near_clip": request.near_clip, "antialiased": request.antialiased}
-        said = {name: value for name, value in drawing.items() if value is not None}
-        hidden = request.hide_lamps or request.transparent
-        scene, quick = load_scene(request, splats, sensor), QuickIntegrator(said, request.transparent, hidden)
+        scene = load_scene(request, splats, sensor)
+        quick = QuickIntegrator(request.drawing.said(), request.transparent, hides_lamps(request))
         quick.masks = camera_masks(request, scene, number_of(splats))
         return scene, quick
 

@@ -54,9 +54,7 @@ def evaluate_model(
     if folder:
         if (folder / CONFIG).exists():
             raise DataError(folder, "is a training run with metrics of its own", "name another folder")
-    aovs = ("depth",) if folder else ()
-    how = {"antialiased": drawn.antialiased, "linear": drawn.linear, "white": drawn.white}
-    picture = picture_of(splats, background, drawn.near_clip, **how, aovs=aovs)
+    picture = picture_of(splats, background, drawn, ("depth",) if folder else ())
     split, some = ("test", dataset.test) if dataset.test else ("train", dataset.train)
     mask_folder = Masks(masks, [*dataset.train, *dataset.test]) if masks else None
     extent = camera_extent(dataset.train) if align_poses else None

@@ -7,11 +7,11 @@ from typing import Any
 
 from ..formats.model import Model
 from ..formats.sizes import FileKind, by_part
-from ..formats.table import write_bytes
 from ..formats.write import write_model
 from ..report.run_folder import MODEL
 from ..scene.drawing import Drawing
 from ..scene.splats import Splats
+from ..support.files import write_bytes
 from ..training.config import FORMATS, TrainConfig
 
 STEM = Path(MODEL).stem

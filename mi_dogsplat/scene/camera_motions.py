@@ -19,7 +19,8 @@ from .cameras import Camera
 
 FEWEST_POINTS = 10  # for what a motion does to a picture
 DAMPING = 0.1  # of the diagonal of Σ, as in CamP
-SMALL = 1e-6  # radians, below which sin φ / φ, (1 - cos φ) / φ² and (φ - sin φ) / φ³ are their limits
+SMALL = 1e-6  # radians, below which sin φ / φ and (1 - cos φ) / φ² are their limits
+CANCELLING = 1e-2  # radians, below which φ - sin φ loses digits: there (φ - sin φ) / φ³ is two terms of its series
 RANK = 1e-9  # of the largest singular value: a common motion that moves no camera, as a scale of cameras at one place
 
 
@@ -113,7 +114,7 @@ def _series(ω: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return (
         np.where(small, 1.0, np.sin(φ) / safe),
         np.where(small, 0.5, 2 * half**2),
-        np.where(φ < 1e-2, 1 / 6 - φ**2 / 120, (φ - np.sin(φ)) / safe**3),
+        np.where(φ < CANCELLING, 1 / 6 - φ**2 / 120, (φ - np.sin(φ)) / safe**3),
     )
 
 

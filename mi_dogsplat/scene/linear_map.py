@@ -17,15 +17,12 @@ all directions. So do places that depend on the view, which are linear in it. do
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from .quaternions import quaternion_from_rotation, rotation_from_quaternion
+from .row_groups import Array
 from .sh_basis import sh_basis_table
 
-Array = NDArray[Any]
 POLAR, AROUND = 64, 128  # directions of the quadrature: exact to rounding up to ratios of 10 to 1
 LEAST = 1e-36  # scale that is told from nothing
 FLATTEST = 1e-7  # smallest over largest singular value of a map that can be undone in float32

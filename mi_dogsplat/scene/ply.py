@@ -23,18 +23,19 @@ from __future__ import annotations
 
 import math
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from ..support.errors import DataError, writing
-from ..support.files import replacing
+from ..support.errors import DataError
+from ..support.files import write_bytes
 from ..support.wording import counted
 from .filter_3d import filtered
 from .opacity import LARGEST_LOGIT
 from .ply_tables import NOT_3DGS, TableReader, check_finite
+from .quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ
 from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SHIFTS, SLOPES, Array, RowGroup, in_several
 from .splats import Splats
 
@@ -43,8 +44,6 @@ _NORMAL = ("nx", "ny", "nz")
 _DC = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
-_XYZW_FROM_WXYZ = [1, 2, 3, 0]
-_WXYZ_FROM_XYZW = [3, 0, 1, 2]
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _FILTER = ("filter_3D",)
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
@@ -97,7 +96,7 @@ def _read_model(reader: TableReader) -> Splats:
     if _FILTER[0] in (vertex.dtype.names or ()):
         widths = reader.columns(vertex, "vertex", _FILTER)[:, 0]  # [N]
         log_scales, logit_opacities = filtered(log_scales, logit_opacities, widths)
-    quats = reader.columns(vertex, "vertex", _ROTATION)[:, _XYZW_FROM_WXYZ]  # [N, 4]
+    quats = reader.columns(vertex, "vertex", _ROTATION)[:, XYZW_FROM_WXYZ]  # [N, 4]
     dog_index, dog = _read_dog(reader, tables, len(means))  # [M], [M, 4]
     return Splats(
         means=means,
@@ -211,7 +210,7 @@ def write_ply(
         rest,
         splats.logit_opacities[:, None],
         splats.log_scales,
-        splats.quats[:, _WXYZ_FROM_XYZW],
+        splats.quats[:, WXYZ_FROM_XYZW],
     ]
     vertex = np.concatenate(columns, axis=1, dtype="<f4")  # [N, len(names)]
     check_finite(path, "vertex", names, vertex, _NOT_WRITTEN)
@@ -220,22 +219,26 @@ def write_ply(
     header += [f"property float {name}" for name in names]
     data = [vertex.tobytes()]
 
-    dog = np.concatenate([splats.dog_logit_opacities[:, None], splats.dog_log_scales], axis=1)  # [M, 4]
-    groups: list[tuple[str, tuple[str, ...], Array, Array]] = [("dog", _DOG, splats.dog_index, dog)]
-    for element, (group, columns) in _OF_SOME.items():
-        names, values = _columns_of(splats, group, columns)
-        groups.append((element, names, getattr(splats, group.index), values))
-    for degree, element in _SH_ELEMENTS.items():
-        (name,) = SH[degree].names
-        rest = _by_channel(getattr(splats, name))
-        groups.append((element, _rest_names(_N_REST[degree]), getattr(splats, SH[degree].index), rest))
-    for element, names, index, values in groups:
+    for element, names, index, values in _groups_of(splats):
         if len(index):
             check_finite(path, element, names, values, _NOT_WRITTEN)
             header += [f"element {element} {len(index)}", "property uint index"]
             header += [f"property float {name}" for name in names]
             data.append(_rows(index, values))
-    _replace(path, "\n".join([*header, "end_header\n"]).encode(), *data)
+    write_bytes(path, "\n".join([*header, "end_header\n"]).encode(), *data)
+
+
+def _groups_of(splats: Splats) -> Iterator[tuple[str, tuple[str, ...], Array, Array]]:
+    """(element, names of its columns, index [M], values [M, columns]) of each group, in the order of the file."""
+    dog = np.concatenate([splats.dog_logit_opacities[:, None], splats.dog_log_scales], axis=1)  # [M, 4]
+    yield "dog", _DOG, splats.dog_index, dog
+    for element, (group, columns) in _OF_SOME.items():
+        names, values = _columns_of(splats, group, columns)
+        yield element, names, getattr(splats, group.index), values
+    for degree, element in _SH_ELEMENTS.items():
+        (name,) = SH[degree].names
+        rest = _by_channel(getattr(splats, name))
+        yield element, _rest_names(_N_REST[degree]), getattr(splats, SH[degree].index), rest
 
 
 def rows_save(degrees: Array) -> int:
@@ -294,11 +297,3 @@ def _numbered(column: str, shape: tuple[int, ...]) -> tuple[str, ...]:
 
 def _rest_names(n_rest: int) -> tuple[str, ...]:
     return tuple(f"f_rest_{i}" for i in range(n_rest))
-
-
-def _replace(path: Path, *parts: bytes):
-    """Make ``parts`` the content of ``path``, or leave everything as it was."""
-    with writing(path):
-        path.parent.stat()  # a folder that is missing is a typing error: none is made
-        with replacing(path) as part, part.open("xb") as file:
-            file.writelines(parts)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+XYZW_FROM_WXYZ, WXYZ_FROM_XYZW = [1, 2, 3, 0], [3, 0, 1, 2]
+"""columns of the one order in the other, in which most files have them"""
+
 
 def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Hamilton product a b of quaternions [..., 4] in x, y, z, w order: the rotation b, then a."""

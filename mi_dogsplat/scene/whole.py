@@ -100,17 +100,7 @@ def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
 
     turn = along @ narrower  # what is told by the old axes, by the new ones
     seen = across * moved  # in a picture, on average
-    sloped, rows = _common(splats.slope_index, at)
-    slopes = splats.color_slopes[sloped].astype(np.float64)
-    splats.sh_coeffs[at[rows], 0] += np.einsum("ma,mac->mc", seen[rows], slopes) / C0
-    splats.color_slopes[sloped] = turn[rows] @ slopes
-    curved, rows = _common(splats.curvature_index, at)
-    Q = matrices(splats.brightness_curvatures[curved])  # q(m + w') = q(m) + mᵀ Q w' + q(w')
-    rises = np.einsum("mab,mb->ma", Q, seen[rows])
-    splats.sh_coeffs[at[rows], 0] += 0.5 * np.einsum("ma,ma->m", rises, seen[rows])[:, None] / C0
-    splats.brightness_curvatures[curved] = turned(splats.brightness_curvatures[curved], turn[rows])
-    _, of_slopes, of_curved = np.intersect1d(splats.slope_index, at[rows], return_indices=True)
-    splats.color_slopes[of_slopes] += np.einsum("mba,ma->mb", turn[rows], rises)[of_curved][:, :, None]
+    _keep_colors(splats, at, seen, turn)
     shifted, rows = _common(splats.shift_index, at)
     moves, directions = (back @ before / scales[:, :, None])[rows], (back @ rotations).swapaxes(1, 2)[rows]
     given = splats.view_shifts[shifted], splats.mean_views[shifted]
@@ -119,6 +109,27 @@ def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
         own, rows = _common(other.index, at)
         other.offsets[own] += np.einsum("ma,ma->m", seen[rows], other.normals[own])
         other.normals[own] = np.einsum("mba,ma->mb", turn[rows], other.normals[own])
+
+
+def _keep_colors(splats: Splats, at: Array, moved: Array, turn: Array) -> None:
+    """Let each place of a picture keep its colour, in place, where primitives have moved and got other axes.
+
+    Args:
+        at: [C] the primitives.
+        moved: [C, 3] by how much a picture shows it, in standard deviations along the old axes.
+        turn: [C, 3, 3] from the old axes to the new ones.
+    """
+    sloped, rows = _common(splats.slope_index, at)
+    slopes = splats.color_slopes[sloped].astype(np.float64)
+    splats.sh_coeffs[at[rows], 0] += np.einsum("ma,mac->mc", moved[rows], slopes) / C0
+    splats.color_slopes[sloped] = turn[rows] @ slopes
+    curved, rows = _common(splats.curvature_index, at)
+    Q = matrices(splats.brightness_curvatures[curved])  # q(m + w') = q(m) + mᵀ Q w' + q(w')
+    rises = np.einsum("mab,mb->ma", Q, moved[rows])
+    splats.sh_coeffs[at[rows], 0] += 0.5 * np.einsum("ma,ma->m", rises, moved[rows])[:, None] / C0
+    splats.brightness_curvatures[curved] = turned(splats.brightness_curvatures[curved], turn[rows])
+    _, of_slopes, of_curved = np.intersect1d(splats.slope_index, at[rows], return_indices=True)
+    splats.color_slopes[of_slopes] += np.einsum("mba,ma->mb", turn[rows], rises)[of_curved][:, :, None]
 
 
 def counted(across: Array) -> Array:

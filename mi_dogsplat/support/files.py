@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from .errors import DataError
+from .errors import DataError, writing
 
 PART = ".part"  # how a file is called while it is written: .<name>.<random><PART>
 LOCK = ".lock"  # in a folder that a process writes to (locks.py)
@@ -99,3 +99,11 @@ def write_json(path: str | Path, value: Any) -> None:
     """Write a value as JSON, indented. Raises ``OSError``."""
     with replacing(path) as part:
         part.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
+
+
+def write_bytes(path: Path, *parts: bytes) -> None:
+    """Make ``parts`` the content of ``path``, whose folder is there, or leave all as it was. Raises ``DataError``."""
+    with writing(path):
+        path.parent.stat()  # a folder that is missing is a typing error: none is made
+        with replacing(path) as part, part.open("xb") as file:
+            file.writelines(parts)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -104,3 +105,9 @@ def write_channels(path: str | Path, planes: Mapping[str, NDArray]) -> None:
     OpenEXR.File(dict(HEADER), whole).write(written)
     with replacing(path) as part:
         part.write_bytes(written.getbuffer())
+
+
+def without_aovs(bitmap: Any) -> Any:
+    """The colours of what a film has recorded, a ``mi.Bitmap``, which come with alpha where the film has it."""
+    many = bitmap.pixel_format() == type(bitmap).PixelFormat.MultiChannel
+    return dict(bitmap.split())["<root>"] if many else bitmap

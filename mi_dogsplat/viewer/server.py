@@ -31,7 +31,7 @@ from ..scene.orientation import up_of_cameras
 from ..scene.splats import Splats
 from ..support.errors import DataError, interruptible
 from ..support.wording import counted
-from .drawing import Drawing
+from .renderer import Renderer
 from .source import Source
 from .view_state import Pace, Pose, Settings
 
@@ -73,7 +73,7 @@ class Server:
         views = [*dataset.test, *dataset.train] if dataset else []
         drawn = self._drawn(splats, bool(views))
         options.require_for(drawn.linear)
-        self.drawing = Drawing(splats, drawn.near_clip, drawn.antialiased, views, drawn.linear, drawn.white)
+        self.renderer = Renderer(splats, drawn, views)
         self.settings = Settings(background=background, sh_degree=splats.sh_degree)
         self.visitors: dict[int, tuple[Any, Pace]] = {}
         self._running, self._polled = True, time.monotonic()
@@ -99,7 +99,7 @@ class Server:
         self._nearest, self._furthest = NEAREST * min(radius, 1.0), FURTHEST * max(radius, 1.0)
         forward = camera.w2c[2, :3]
         distance = max(float(forward @ (centre - camera.position)), self._nearest)
-        cameras, said = [view.camera for view in self.drawing.views], self.source.drawing.up
+        cameras, said = [view.camera for view in self.renderer.views], self.source.drawing.up
         up = vertical(splats, said) if said or not cameras else up_of_cameras(np.stack([c.c2w for c in cameras]))
         self.viser.scene.set_up_direction(tuple(up))
         initial.position = tuple(camera.position)
@@ -111,7 +111,7 @@ class Server:
         grey = next(name for name, level in BACKGROUNDS.items() if level == settings.background)
         least, most, step = HEIGHTS
         degree = settings.sh_degree
-        self._show = gui.add_dropdown("Show", self.drawing.choices, initial_value=settings.show)
+        self._show = gui.add_dropdown("Show", self.renderer.choices, initial_value=settings.show)
         self._height = gui.add_slider("Height in pixels", least, most, step, settings.height)
         self._degree = gui.add_slider("SH degree", 0, max(degree, 1), 1, degree, disabled=degree == 0)
         self._grey = gui.add_dropdown("Background", list(BACKGROUNDS), initial_value=grey)
@@ -147,7 +147,7 @@ class Server:
 
     def statistics(self, last: str) -> str:
         """Markdown about the model and the last picture."""
-        splats = self.drawing.splats
+        splats = self.renderer.splats
         counts = f"{counted(splats.n_splats, 'primitive')}, {kinds_of(splats)}, SH degree {splats.sh_degree}"
         scale = self.source.drawing.scale
         size = "" if scale is None else f"\n\nThe core of it is {2 * robust_sphere(splats)[1] * scale:.3g} m across"
@@ -163,7 +163,7 @@ class Server:
                 time.sleep(IDLE_SECONDS)
 
     def choose(self, show: str) -> None:
-        """Show another of ``drawing.choices`` from now on, as by the panel."""
+        """Show another of ``renderer.choices`` from now on, as by the panel."""
         self._show.value = show
 
     def stop(self) -> None:
@@ -182,16 +182,16 @@ class Server:
         if found:
             splats, self.what = found
             self._offer_degrees(splats.sh_degree)
-            self.drawing.replace(splats, self._drawn(splats, bool(self.drawing.views)))
-            self._show.options = self.drawing.choices
+            self.renderer.replace(splats, self._drawn(splats, bool(self.renderer.views)))
+            self._show.options = self.renderer.choices
         if found or self._trouble != before:
             self._everybody_changed()
 
     def _offer_degrees(self, degree: int) -> None:
         """Let the panel have the SH degrees up to that of another model; who saw all bands goes on seeing all."""
-        if degree == self.drawing.splats.sh_degree:
+        if degree == self.renderer.splats.sh_degree:
             return
-        saw_all = self.settings.sh_degree >= self.drawing.splats.sh_degree
+        saw_all = self.settings.sh_degree >= self.renderer.splats.sh_degree
         self._degree.max, self._degree.disabled = max(degree, 1), degree == 0
         self._degree.value = degree if saw_all else min(self.settings.sh_degree, degree)
         self.settings = replace(self.settings, sh_degree=int(self._degree.value))
@@ -210,7 +210,7 @@ class Server:
         pose = Pose(wxyz, position, float(camera.fov), aspect)  # type: ignore[arg-type]
         if not pose.makes_sense:  # the picture before stays
             return False
-        drawn = self.drawing.draw(pose, self.settings, moving=due == "small")
+        drawn = self.renderer.draw(pose, self.settings, moving=due == "small")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # the visitor may have left while we drew
             client.scene.set_background_image(drawn.image, format="jpeg", jpeg_quality=QUALITY[due])

@@ -73,7 +73,7 @@ def main(comparison: Path, data: Path, names: Sequence[str] = ()) -> None:
 
 def drawn(model: Model, splats: Splats, view: View) -> np.ndarray:
     """[H, W, 3] of sRGB values: primitives as a model's file says that they are drawn."""
-    return picture_of(splats, 0.0, drawn_as(model.drawing).near_clip)(view.camera).color
+    return picture_of(splats, 0.0, drawn_as(model.drawing))(view.camera).color
 
 
 def enlarged(part: np.ndarray) -> np.ndarray:

@@ -168,7 +168,7 @@ def test_what_was_captured_as_5_is_rendered_as_5_without_a_flag(lamp, tmp_path):
 def test_films_hold_radiance_and_motion_blur_is_the_mean_of_it(lamp):
     read = read_model(lamp / "run" / "point_cloud.ply")
     drawn = drawn_as(read.drawing)
-    picture = picture_of(read.splats, 0.0, drawn.near_clip, linear=True, white=drawn.white)
+    picture = picture_of(read.splats, 0.0, drawn)
     two = [view.camera for view in load_dataset(lamp / "data").train[:2]]
     light = np.mean([light_of(picture(camera)) for camera in two], axis=0)
     assert light.max() > 0.8 * LAMP

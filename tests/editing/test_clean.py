@@ -16,7 +16,7 @@ from mi_dogsplat.editing.views import evidence, seen
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.write import write_model
-from mi_dogsplat.scene.drawing import Drawing
+from mi_dogsplat.scene.drawing import Drawing, DrawnAs
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.wording import file_size
@@ -58,7 +58,7 @@ def test_without_flags_all_views_keep_their_bits(capsys, model, tmp_path):
 def bare(splats, camera):
     from mi_dogsplat.render.picture import picture_of
 
-    return picture_of(splats, 0.0, 0.2)(camera)
+    return picture_of(splats, 0.0)(camera)
 
 
 def test_a_clean_model_stays_as_it_is(capsys, tmp_path):
@@ -142,7 +142,7 @@ def test_the_training_views_say_what_is_seen_and_what_floats(capsys, data, tmp_p
     flags = ["--data", data, "--seen", "--floaters", "--preview", tmp_path / "p.png"]
     status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "o.ply", *flags)
     cameras = tiny_data.cameras()[1:]  # the first is for testing
-    stays = seen(splats, cameras, 0.2, False) & ~evidence(splats, cameras, 0.2, False).floats
+    stays = seen(splats, cameras, DrawnAs()) & ~evidence(splats, cameras, DrawnAs()).floats
     assert status == 0 and "  never seen: 5\n" in printed and "PSNR" in printed
     assert np.array_equal(read_ply(tmp_path / "o.ply").means, splats.means[stays])
     with Image.open(tmp_path / "p.png") as preview:

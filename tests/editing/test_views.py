@@ -9,6 +9,7 @@ from mi_dogsplat.editing.views import FREE_VIEWS, evidence, seen
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_splats, rounded
 
@@ -42,7 +43,7 @@ def sphere(n: int) -> np.ndarray:
 @pytest.mark.parametrize("antialiased", [False, True])
 def test_without_the_unseen_all_views_keep_their_bits(antialiased):
     splats = with_a_shell(tiny_data.truth())
-    found = seen(splats, CAMERAS, 0.2, antialiased)
+    found = seen(splats, CAMERAS, DrawnAs(antialiased))
     assert (~found[-20:]).sum() >= 19 and found.sum() > 100
     assert np.array_equal(pictures(splats, antialiased), pictures(splats.select(found), antialiased))
 
@@ -50,7 +51,7 @@ def test_without_the_unseen_all_views_keep_their_bits(antialiased):
 def test_what_is_seen_changes_a_view_where_it_is_missing():
     splats = tiny_data.dog_model()
     splats.means[::20] += (0, 0, 40)
-    found, whole = seen(splats, CAMERAS, 0.2, False), pictures(splats)
+    found, whole = seen(splats, CAMERAS, DrawnAs()), pictures(splats)
     assert found.any() and not found.all()
     for k in [*np.flatnonzero(found)[::8], *np.flatnonzero(~found)[:3]]:
         others = np.delete(np.arange(splats.n_splats), k)
@@ -63,7 +64,7 @@ def test_what_hangs_in_the_air_before_a_surface_floats():
     splats.logit_opacities[:600] = 4
     splats.log_scales[600:] = np.log(0.02)
     cameras = tiny_data.cameras(72)
-    told = evidence(splats, cameras, 0.2, False)
+    told = evidence(splats, cameras, DrawnAs())
     before_the_ball = np.zeros(40, int)  # views, from the geometry alone: a ray to the dust goes on to hit the ball
     for camera in cameras:
         offsets = splats.means[600:] - camera.position
@@ -81,7 +82,7 @@ def test_what_hangs_in_the_air_before_a_surface_floats():
 
 def test_a_lone_surface_has_nothing_that_floats_and_a_hidden_place_tells_nothing():
     splats = rounded(make_splats(np.concatenate([sphere(600) * 0.6, [[0, 0, 0]]]), 0.06, 0.98))
-    told = evidence(splats, CAMERAS, 0.2, False)
+    told = evidence(splats, CAMERAS, DrawnAs())
     assert not told.floats.any() and told.on[:600].sum() > 1000
     assert told.free[600] == told.on[600] == 0
 
@@ -94,6 +95,6 @@ def test_a_primitive_is_looked_up_where_each_view_sees_it():
     splats.log_scales[600], splats.logit_opacities[600] = np.log(size), -1  # no surface itself
     along_the_view = np.eye(3)[None] * np.linalg.norm(place) / size
     hidden = replace(splats, shift_index=[600], view_shifts=along_the_view, mean_views=np.zeros((1, 3)))
-    assert evidence(splats, [camera], 0.2, False).free[600] == 1
-    told = evidence(hidden, [camera], 0.2, False)
+    assert evidence(splats, [camera], DrawnAs()).free[600] == 1
+    told = evidence(hidden, [camera], DrawnAs())
     assert told.free[600] == told.on[600] == 0

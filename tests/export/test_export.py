@@ -12,12 +12,12 @@ from mi_dogsplat.export.bake import RATIOS, baked, nearest_gaussians
 from mi_dogsplat.export.export_config import ExportConfig
 from mi_dogsplat.export.losses import Loss, Views, losses, mean_psnr, views_of
 from mi_dogsplat.export.write import export_model
-from mi_dogsplat.formats import gltf, spz
+from mi_dogsplat.formats import gltf_read, spz
 from mi_dogsplat.formats.packing import LUF, turned
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.render.framing import cameras_around, robust_sphere
 from mi_dogsplat.render.picture_options import PictureOptions
-from mi_dogsplat.scene.drawing import drawn_as
+from mi_dogsplat.scene.drawing import DrawnAs, drawn_as
 from mi_dogsplat.scene.splats import Splats
 from scipy.integrate import dblquad
 from scipy.optimize import minimize
@@ -82,7 +82,7 @@ def test_a_weak_dog_stays_as_it_is_and_plain_gaussians_are_untouched():
 @pytest.mark.parametrize("f_a, F", [(0.3, 1.4), (0.4, 0.6)])
 def test_baking_keeps_more_of_the_picture_than_dropping_or_lowering_the_peak(f_a, F):
     model = tiny_data.dog_model(f_a, F)
-    views = Views(tiny_data.cameras(), [], 0.0, 0.2, False)
+    views = Views(tiny_data.cameras(), [], 0.0, DrawnAs())
     truth = views.pictures(model)
     lower = model.plain()
     p = model.opacities[model.dog_index] * (1 - model.dog_opacities)
@@ -117,8 +117,8 @@ def test_spz_and_gltf_have_y_up_and_the_others_the_axes_of_the_model(capsys, mod
         sign = {".spz": [1, -1, -1], ".glb": [-1, -1, 1], ".gltf": [-1, -1, 1]}.get(suffix, [1, 1, 1])
         found = chosen.read(tmp_path / f"out{suffix}").splats
         assert found.means.mean(axis=0) == pytest.approx(middle * sign, abs=2e-3)
-    assert gltf.decode(tmp_path / "out.glb").means == pytest.approx(turned(truth, LUF).means)
-    assert spz.decode(tmp_path / "out.spz").n_splats == truth.n_splats
+    assert gltf_read.read(tmp_path / "out.glb").splats.means == pytest.approx(turned(truth, LUF).means)
+    assert spz.read(tmp_path / "out.spz").splats.n_splats == truth.n_splats
 
 
 def test_with_data_the_loss_is_against_its_photographs_too(capsys, model, data, tmp_path):
@@ -134,7 +134,7 @@ def test_with_data_the_loss_is_against_its_photographs_too(capsys, model, data, 
 
 def test_the_table_shows_no_loss_where_there_is_none():
     model = tiny_data.truth()
-    views = Views(tiny_data.cameras(2), [], 0.0, 0.2, False)
+    views = Views(tiny_data.cameras(2), [], 0.0, DrawnAs())
     first, second = losses({"as it is": model, "the same": model}, views)
     assert first == Loss("as it is", None, None)
     assert second.of_model == pytest.approx(100) and second.of_photographs is None
@@ -159,7 +159,7 @@ def test_cameras_around_a_model_all_see_its_middle():
 def test_a_near_clip_that_is_asked_for_holds_without_data():
     model, asked = tiny_data.truth(), PictureOptions(near_clip=2.0)
     views = [views_of(model, None, 2, options, drawn_as(options.drawing)) for options in (asked, PictureOptions())]
-    assert views[0].near_clip == 2.0 > views[1].near_clip
+    assert views[0].drawn.near_clip == 2.0 > views[1].drawn.near_clip
 
 
 @pytest.mark.parametrize("version", ["4", "5"])

@@ -14,7 +14,7 @@ from mi_dogsplat.export.refine import by_data
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.runs.evaluation import evaluate_model
 from mi_dogsplat.scene.drawing import DrawnAs
-from mi_dogsplat.viewer.drawing import Drawing
+from mi_dogsplat.viewer.renderer import Renderer
 from mi_dogsplat.viewer.view_state import ERROR, MODEL, PHOTOGRAPH, Pose, Settings
 from scipy.spatial.transform import Rotation
 from tiny_data import HEIGHT, WIDTH
@@ -63,8 +63,8 @@ def test_the_viewer_shows_the_photograph_as_it_shows_the_model(dataset, drawn):
     x, y, z, w = Rotation.from_matrix(view.camera.c2w[:3, :3]).as_quat()
     fov = 2 * float(np.arctan(HEIGHT / 2 / view.camera.fy))
     pose = Pose((w, x, y, z), tuple(view.camera.position), fov, WIDTH / HEIGHT)
-    drawing = Drawing(bright_truth(), drawn.near_clip, False, dataset.views, True, drawn.white)
+    renderer = Renderer(bright_truth(), drawn, dataset.views)
     how: Any = {"height": HEIGHT, "background": 1.0 if dataset.has_alpha else 0.0}
-    model, photograph = (drawing.draw(pose, Settings(show, **how)).image.astype(int) for show in (MODEL, PHOTOGRAPH))
+    model, photograph = (renderer.draw(pose, Settings(show, **how)).image.astype(int) for show in (MODEL, PHOTOGRAPH))
     assert np.abs(model - photograph).max() <= 1 and model.max() > 100
-    assert float(drawing.draw(pose, Settings(ERROR, **how)).about.split()[-1]) < 1e-3
+    assert float(renderer.draw(pose, Settings(ERROR, **how)).about.split()[-1]) < 1e-3

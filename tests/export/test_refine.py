@@ -33,13 +33,13 @@ def model(tmp_path):
 
 def goal_of_cameras() -> Goal:
     cameras = tiny_data.cameras(8)
-    return Goal(cameras, Views(cameras, [], 0.0, 0.05, False).pictures(MODEL), Look(0.0, 0.05), BY_DATA)
+    return Goal(cameras, Views(cameras, [], 0.0, DrawnAs(near_clip=0.05)).pictures(MODEL), Look(0.0, 0.05), BY_DATA)
 
 
 @pytest.mark.parametrize("goal, gain", [(goal_of_cameras, 0.6), (lambda: by_renders(MODEL, 60, USUAL), 0.25)])
 def test_refined_gaussians_are_nearer_to_the_model_where_nothing_was_fitted(goal, gain):
     """Views of others: from cameras among which they are, and from those that are made up."""
-    views = Views(tiny_data.cameras(5), [], 0.0, 0.05, False)
+    views = Views(tiny_data.cameras(5), [], 0.0, DrawnAs(near_clip=0.05))
     truth, start, steps = views.pictures(MODEL), baked(MODEL), []
     found = refined(start, goal(), 60, lambda done, total: steps.append((done, total)))
     assert mean_psnr(views.pictures(found), truth) > mean_psnr(views.pictures(start), truth) + gain
@@ -51,7 +51,7 @@ def test_without_data_the_goal_is_what_the_model_shows_on_grey():
     goal = by_renders(MODEL, 6, replace(USUAL, antialiased=True))
     assert len(goal.cameras) == len(goal.pictures) == 6 and goal.look.antialiased
     assert goal.look.near_clip <= 0.05 and goal.look.background == GREY
-    views = Views(goal.cameras, [], GREY, goal.look.near_clip, True)
+    views = Views(goal.cameras, [], GREY, DrawnAs(True, goal.look.near_clip))
     assert all(np.array_equal(a, b) for a, b in zip(views.pictures(MODEL), goal.pictures, strict=True))
 
 
@@ -68,7 +68,7 @@ def test_with_data_the_goal_is_its_training_photographs(data, alpha_data):
 def test_a_model_of_linear_radiance_is_fitted_to_its_own_pictures_in_linear_radiance(data):
     dataset = load_dataset(data)
     goal = by_data(MODEL, dataset, 100, PictureOptions(), replace(USUAL, linear=True))
-    shown = Views(goal.cameras, [], 0.0, 0.05, False, linear=True).pictures(MODEL)
+    shown = Views(goal.cameras, [], 0.0, DrawnAs(near_clip=0.05, linear=True)).pictures(MODEL)
     assert len(goal.pictures) == len(dataset.train)
     for linear, srgb in zip(goal.pictures, shown, strict=True):
         assert np.clip(linear_to_srgb(linear), 0, 1) == pytest.approx(srgb, abs=1e-5)

@@ -25,8 +25,8 @@ def test_the_automatic_view_shows_a_model_of_any_size_wherever_it_is(scale, tmp_
 
 
 def test_a_near_clip_that_is_asked_for_holds_in_the_automatic_view():
-    chosen = viewpoint(tiny_data.truth(), options=PictureOptions(near_clip=2.0)).near_clip
-    assert chosen == 2.0 > viewpoint(tiny_data.truth()).near_clip
+    chosen = viewpoint(tiny_data.truth(), options=PictureOptions(near_clip=2.0)).drawn.near_clip
+    assert chosen == 2.0 > viewpoint(tiny_data.truth()).drawn.near_clip
 
 
 def test_far_outliers_do_not_change_what_is_framed():

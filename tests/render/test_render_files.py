@@ -208,7 +208,7 @@ def test_a_place_that_cannot_be_written_is_named(model, tmp_path):
 
 
 def test_a_model_without_primitives_is_background_without_depth(tmp_path):
-    picture = picture_of(Splats.empty(1), 1.0, 0.2, aovs=("depth",))(tiny_data.cameras()[0])
+    picture = picture_of(Splats.empty(1), 1.0, aovs=("depth",))(tiny_data.cameras()[0])
     assert picture.depth is not None
     assert picture.color.min() == 1 and picture.alpha.max() == 0 and picture.depth.max() == 0
     write_ply(tmp_path / "empty.ply", Splats.empty(1))

@@ -34,7 +34,7 @@ def scene():
     rng = np.random.default_rng(0)
     sizes = rng.uniform(0.02, 0.08, (500, 3))
     splats = rounded(make_splats(rng.uniform(-0.8, 0.8, (500, 3)), sizes, 0.9, rng.uniform(0.1, 0.9, (500, 3))))
-    shot = picture_of(splats, 0.5, 0.2)
+    shot = picture_of(splats, 0.5)
     renders, views = {}, []
     for i, camera in enumerate(tiny_data.cameras(12, 120, 90)):
         name = f"{i:02d}"

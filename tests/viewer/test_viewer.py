@@ -14,12 +14,13 @@ from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import over_background, render_picture
 from mi_dogsplat.runs.checkpoint import save_checkpoint
 from mi_dogsplat.runs.run import CHECKPOINT, train
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.pictures import heat_map
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
-from mi_dogsplat.viewer.drawing import Drawing, fitted, nearest_view
+from mi_dogsplat.viewer.renderer import Renderer, fitted, nearest_view
 from mi_dogsplat.viewer.source import Source, splats_of_state
 from mi_dogsplat.viewer.view_state import (
     CUT_DIFFERENCE,
@@ -43,6 +44,7 @@ from shifted_models import with_shifts
 from sloped_models import with_curvatures, with_slopes
 
 SMALL = Settings(height=48, gain=1.0)
+NEAR = DrawnAs(near_clip=0.05)
 CUTS, SHIFTS = [WITHOUT_CUTS, CUT_DIFFERENCE], [WITHOUT_SHIFTS, SHIFT_DIFFERENCE]
 
 
@@ -81,18 +83,18 @@ def test_the_pose_of_a_camera_gives_that_camera_back_at_any_size():
 
 def test_a_picture_is_what_the_rasterizer_draws_and_smaller_while_moving():
     model, camera = tiny_data.dog_model(), tiny_data.cameras()[2]
-    drawing = Drawing(model, near_clip=0.05)
-    drawn = drawing.draw(pose_of(camera), Settings(height=camera.height, background=0.5))
+    renderer = Renderer(model, NEAR)
+    drawn = renderer.draw(pose_of(camera), Settings(height=camera.height, background=0.5))
     expected = render_picture(upload(model), camera, RasterOptions(1), 0.5, 0.05).color
     assert drawn.image.dtype == np.uint8 and np.abs(uint8(expected) - drawn.image).max() <= 1
-    small = drawing.draw(pose_of(camera), Settings(height=300), moving=True).image
+    small = renderer.draw(pose_of(camera), Settings(height=300), moving=True).image
     assert small.shape == (120, 160, 3)
 
 
 def test_each_choice_draws_its_part_of_the_model():
     model, camera = tiny_data.dog_model(), tiny_data.cameras()[0]
-    drawing, pose = Drawing(model, 0.05), pose_of(camera)
-    picture = {show: drawing.draw(pose, Settings(show, camera.height, gain=2.0)).image for show in drawing.choices}
+    renderer, pose = Renderer(model, NEAR), pose_of(camera)
+    picture = {show: renderer.draw(pose, Settings(show, camera.height, gain=2.0)).image for show in renderer.choices}
     assert list(picture) == [MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE]
     parts = {MODEL: model, WITHOUT_DOG: model.plain(), ONLY_DOG: model.only_dog()}
     parts[ONLY_GAUSSIANS] = model.only_gaussians()
@@ -126,23 +128,23 @@ def test_each_choice_draws_its_part_of_the_model():
 )
 def test_slopes_and_cuts_can_be_switched_off_and_their_difference_shown(changed, bare, choices):
     model, camera = changed(tiny_data.dog_model(), every=3), tiny_data.cameras()[0]
-    drawing, pose = Drawing(model, 0.05), pose_of(camera)
-    assert drawing.choices == [MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE, *choices]
+    renderer, pose = Renderer(model, NEAR), pose_of(camera)
+    assert renderer.choices == [MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE, *choices]
     with_them, without = (render_picture(upload(part), camera, RasterOptions(1), 0.0, 0.05).color
                           for part in (model, bare(model)))  # fmt: skip
-    assert np.abs(uint8(without) - drawing.draw(pose, Settings(choices[0], camera.height)).image).max() <= 1
-    drawn = drawing.draw(pose, Settings(choices[1], camera.height, gain=2.0))
+    assert np.abs(uint8(without) - renderer.draw(pose, Settings(choices[0], camera.height)).image).max() <= 1
+    drawn = renderer.draw(pose, Settings(choices[1], camera.height, gain=2.0))
     difference = np.abs(with_them - without).mean(axis=-1)
     assert np.abs(uint8(heat_map(np.clip(2 * difference, 0, 1))) - drawn.image).max() <= 2
     assert difference.mean() > 1e-3 and f"{difference.mean():.4f}" in drawn.about
-    drawing.replace(model.plain())
-    assert drawing.choices == [MODEL, *choices]
+    renderer.replace(model.plain(), NEAR)
+    assert renderer.choices == [MODEL, *choices]
 
 
 def test_the_sh_degree_is_limited():
     model, pose = tiny_data.truth(), pose_of(tiny_data.cameras()[0])
-    drawing = Drawing(model, 0.05)
-    full, flat = (drawing.draw(pose, Settings(height=36, sh_degree=degree)).image for degree in (3, 0))
+    renderer = Renderer(model, NEAR)
+    full, flat = (renderer.draw(pose, Settings(height=36, sh_degree=degree)).image for degree in (3, 0))
     truth = render_picture(upload(model), tiny_data.cameras()[0], RasterOptions(0), 0.0, 0.05).color
     assert np.abs(uint8(truth) - flat).max() <= 1 and np.abs(full.astype(int) - flat).max() > 2
 
@@ -150,25 +152,25 @@ def test_the_sh_degree_is_limited():
 def test_the_error_is_that_at_the_nearest_photograph(dataset):
     wrong = tiny_data.truth()
     wrong.logit_opacities[:30] = -9
-    drawing, view = Drawing(wrong, 0.2, views=dataset.views), dataset.views[3]
-    assert drawing.choices == [MODEL, ERROR, PHOTOGRAPH]
+    renderer, view = Renderer(wrong, DrawnAs(), dataset.views), dataset.views[3]
+    assert renderer.choices == [MODEL, ERROR, PHOTOGRAPH]
     moved = Pose(pose_of(view.camera).wxyz, tuple(view.camera.position + 0.02), 0.7, 48 / 36)
-    drawn = drawing.draw(moved, Settings(ERROR, 36, gain=3.0))
+    drawn = renderer.draw(moved, Settings(ERROR, 36, gain=3.0))
     picture = render_picture(upload(wrong), view.camera, RasterOptions(1)).color
     error = np.abs(picture - over_background(view.image, 0.0)).mean(axis=-1)
     assert np.abs(uint8(heat_map(np.clip(3 * error, 0, 1))) - drawn.image).max() <= 2
     assert view.name in drawn.about and f"{error.mean():.4f}" in drawn.about
-    photograph = drawing.draw(moved, Settings(PHOTOGRAPH, 36)).image
+    photograph = renderer.draw(moved, Settings(PHOTOGRAPH, 36)).image
     assert np.abs(uint8(view.image) - photograph).max() <= 1
 
 
 def test_what_a_new_model_does_not_have_is_drawn_as_the_model():
-    drawing, pose = Drawing(tiny_data.dog_model(), 0.05), pose_of(tiny_data.cameras()[0])
-    with_dog = drawing.draw(pose, Settings(ONLY_DOG, 36)).image
-    drawing.replace(tiny_data.truth())
-    assert ONLY_DOG not in drawing.choices
-    plain = drawing.draw(pose, Settings(ONLY_DOG, 36)).image
-    assert np.array_equal(plain, drawing.draw(pose, Settings(MODEL, 36)).image) and not np.array_equal(plain, with_dog)
+    renderer, pose = Renderer(tiny_data.dog_model(), NEAR), pose_of(tiny_data.cameras()[0])
+    with_dog = renderer.draw(pose, Settings(ONLY_DOG, 36)).image
+    renderer.replace(tiny_data.truth(), NEAR)
+    assert ONLY_DOG not in renderer.choices
+    plain = renderer.draw(pose, Settings(ONLY_DOG, 36)).image
+    assert np.array_equal(plain, renderer.draw(pose, Settings(MODEL, 36)).image) and not np.array_equal(plain, with_dog)
 
 
 def test_the_nearest_view_looks_the_same_way(dataset):

@@ -16,6 +16,7 @@ from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.render.framing import robust_sphere
 from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.arrays import write_arrays
@@ -78,14 +79,14 @@ def test_the_page_shows_what_is_rendered_for_its_camera_as_it_moves_and_as_setti
     dataset = load_dataset(tiny_data.write_tiny_data(tmp_path / "data"))
     server = Server(Source(model), dataset, port=8765)
     drawn: list[tuple] = []
-    draw = server.drawing.draw
+    draw = server.renderer.draw
 
     def record(pose, settings, moving=False):
         result = draw(pose, settings, moving)
         drawn.append((settings, moving, result.image, pose))
         return result
 
-    server.drawing.draw = record
+    server.renderer.draw = record
 
     def difference(page: browser.Page) -> float:
         """Mean difference between the page and the picture rendered last, in grey levels of 255."""
@@ -134,7 +135,7 @@ def test_flags_come_before_what_the_run_was_trained_with(capsys, data, model, tm
         """The background, and the width of the photographs."""
         status, _, error = run(capsys, "view", folder, "--port", 8792, *flags)
         assert (status, error) == (0, "")
-        return served[-1].settings.background, served[-1].drawing.views[0].camera.width
+        return served[-1].settings.background, served[-1].renderer.views[0].camera.width
 
     width = tiny_data.cameras()[0].width
     assert shown() == (1.0, width // 2)
@@ -159,10 +160,10 @@ def test_a_file_that_changes_is_drawn_as_it_says_then(tmp_path, monkeypatch):
     write_model(path, Model(colourful, Drawing(antialiased=False, near_clip=0.01, linear=True, white=2.5)))
     now, pose = served_once(server, monkeypatch), Pose((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -4.0), 0.8, 1.0)
     anew = Server(Source(path), port=8767)
-    drawn = [(s.drawing.antialiased, s.drawing.near_clip, s.drawing.linear, s.drawing.white) for s in (now, anew)]
-    assert drawn[0] == drawn[1] == (False, 0.01, True, 2.5)
+    drawn = [s.renderer.drawn for s in (now, anew)]
+    assert drawn[0] == drawn[1] == DrawnAs(False, 0.01, True, 2.5)
     assert now.settings == anew.settings and now.settings.sh_degree == 2
-    a, b = (s.drawing.draw(pose, s.settings).image for s in (now, anew))
+    a, b = (s.renderer.draw(pose, s.settings).image for s in (now, anew))
     assert np.array_equal(a, b) and a.any()
     now.stop()
     anew.stop()
@@ -170,7 +171,7 @@ def test_a_file_that_changes_is_drawn_as_it_says_then(tmp_path, monkeypatch):
 
 def test_a_near_clip_that_is_asked_for_holds_without_data(model):
     servers = [Server(Source(model), options=PictureOptions(near_clip=asked), port=8769) for asked in (2.0, None)]
-    assert servers[0].drawing.near_clip == 2.0 and 0 < servers[1].drawing.near_clip <= 0.2
+    assert servers[0].renderer.drawn.near_clip == 2.0 and 0 < servers[1].renderer.drawn.near_clip <= 0.2
     for server in servers:
         server.stop()
 

@@ -60,28 +60,16 @@ class Drawn:
     milliseconds: float
 
 
-class Drawing:
+class Renderer:
     """Draws a model that can be replaced; parts of it go to the device when they are first asked for."""
 
-    def __init__(
-        self,
-        splats: Splats,
-        near_clip: float,
-        antialiased: bool = False,
-        views: Sequence[View] = (),
-        linear: bool = False,
-        white: float = 1.0,
-    ):
+    def __init__(self, splats: Splats, drawn: DrawnAs, views: Sequence[View] = ()):
         self.views = list(views)
-        self.replace(splats, DrawnAs(antialiased, near_clip, linear, white))
+        self.replace(splats, drawn)
 
-    def replace(self, splats: Splats, drawn: DrawnAs | None = None) -> None:
-        """Draw another model from now on; ``drawn``: how, None: as the one before."""
-        if drawn:
-            self.near_clip, self.antialiased, self.linear, self.white = (
-                drawn.near_clip, drawn.antialiased, drawn.linear, drawn.white
-            )  # fmt: skip
-        self.splats = splats
+    def replace(self, splats: Splats, drawn: DrawnAs) -> None:
+        """Draw another model from now on."""
+        self.splats, self.drawn = splats, drawn
         self._params: dict[str, tuple[dict, int]] = {}  # and the SH degree of the part
 
     @property
@@ -120,7 +108,7 @@ class Drawing:
     def _photograph(self, view: View, settings: Settings) -> Array:
         """[H, W, 3] in 0..1, in the exposure of the model: linear images have one of their own."""
         if view.white is not None:  # a display value of 1 is a radiance of 1
-            view = shown_with(view, self.white if self.linear else 1.0)
+            view = shown_with(view, self.drawn.white if self.drawn.linear else 1.0)
         return shown(view, settings.background)
 
     def _render(self, part: str, camera: Camera, settings: Settings) -> Array:
@@ -129,9 +117,10 @@ class Drawing:
             splats = PARTS[part](self.splats)
             self._params[part] = upload(splats), splats.sh_degree
         params, degree = self._params[part]
-        options = RasterOptions(min(settings.sh_degree, degree), antialiased=self.antialiased)
-        how = settings.background, self.near_clip
-        return render_picture(params, camera, options, *how, linear=self.linear, white=self.white).color
+        drawn = self.drawn
+        options = RasterOptions(min(settings.sh_degree, degree), antialiased=drawn.antialiased)
+        how = {"linear": drawn.linear, "white": drawn.white}
+        return render_picture(params, camera, options, settings.background, drawn.near_clip, **how).color
 
 
 def nearest_view(views: Sequence[View], camera: Camera) -> View:
