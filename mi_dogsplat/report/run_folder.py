@@ -156,7 +156,7 @@ def _read_config(path: Path) -> dict[str, Any]:
 
 
 def _read_object(path: Path, parts: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any] | None:
-    """The object in a JSON file, whose ``parts`` are of the right kinds; None without the file. Raises ``DataError``."""
+    """The object in a file, with ``parts`` of the right kinds; None without the file. Raises ``DataError``."""
     if not path.is_file():
         return None
     content = read_object(path, REMEDY)
