@@ -11,6 +11,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.engine.arrays import backward
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import RAW, RAW_OF_GROUPS, upload
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
@@ -109,14 +110,7 @@ def stripped_forward(splats: Splats, camera: Camera) -> Callable[[], None]:
 def engine_backward(splats: Splats, camera: Camera, sh_degree: int = 0) -> Callable[[], None]:
     view, options, δcolors = DeviceCamera.upload(camera), RasterOptions(sh_degree), adjoints(camera)
 
-    def backward(params: dict) -> None:
-        colors = rasterize(params, view, options).colors
-        for plane, δ in zip(colors, δcolors, strict=True):
-            dr.set_grad(plane, δ)
-        dr.enqueue(dr.ADMode.Backward, colors)
-        dr.traverse(dr.ADMode.Backward)
-
-    return gradients(splats, backward)
+    return gradients(splats, lambda params: backward(rasterize(params, view, options).colors, δcolors))
 
 
 def stripped_backward(splats: Splats, camera: Camera) -> Callable[[], None]:
@@ -125,14 +119,14 @@ def stripped_backward(splats: Splats, camera: Camera) -> Callable[[], None]:
     return gradients(splats, lambda params: plain_renderer.backward(params, view, δcolors))
 
 
-def gradients(splats: Splats, backward: Callable[[dict], None]) -> Callable[[], None]:
+def gradients(splats: Splats, propagate: Callable[[dict], None]) -> Callable[[], None]:
     """A pass that accumulates gradients on the parameters, evaluates and forgets them."""
     params = upload(splats)
     values = [params[name] for name in RAW + RAW_OF_GROUPS if name in params]
     dr.enable_grad(values)
 
     def run() -> None:
-        backward(params)
+        propagate(params)
         dr.eval([dr.grad(value) for value in values])
         dr.clear_grad(values)
 
