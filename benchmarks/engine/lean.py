@@ -7,6 +7,7 @@ that whole tiles meet none; ``met`` is the share of the isects that are DoG. The
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
@@ -69,15 +70,13 @@ def shares_of_dog(splats: Splats, camera: Camera) -> None:
         print(f"{share:5.0%} {where:12s} {share_met(model, camera):5.0%}    {cells[0]}   {cells[1]}")
 
 
-def with_dog(splats: Splats, index: np.ndarray) -> Splats:
-    """The model with the primitives ``index`` made DoG."""
-    m = len(index)
-    arrays = {name: getattr(splats, name) for name in RAW}
-    return Splats(
-        **arrays,
+def with_dog(splats: Splats, index: np.ndarray, opacity: float = DOG_OPACITY, scale: float = DOG_SCALE) -> Splats:
+    """A plain model with the primitives ``index`` made DoG, of one f_a and F."""
+    return replace(
+        splats,
         dog_index=np.sort(index).astype(np.uint32),
-        dog_logit_opacities=np.full(m, np.log(DOG_OPACITY / (1 - DOG_OPACITY))),
-        dog_log_scales=np.full((m, 3), np.log(DOG_SCALE)),
+        dog_logit_opacities=np.full(len(index), np.log(opacity / (1 - opacity))),
+        dog_log_scales=np.full((len(index), 3), np.log(scale)),
     )
 
 
