@@ -29,13 +29,14 @@ from mi_dogsplat.engine.tiles import tiles
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.ply import read_ply
+from mi_dogsplat.scene.row_groups import row_of_splats
 from mi_dogsplat.scene.splats import Array, Splats
 from mi_dogsplat.support.variants import set_variant
 
 from ..flags import at_least_one, part
 from ..models import DATA, fern_points
 from ..timing import medians
-from .lean import engine_backward, engine_forward
+from .lean import engine_backward, engine_forward, with_dog
 
 CASES = {"f_a .05, F .6": (0.05, 0.6), "f_a .5, F 1.6": (0.5, 1.6)}
 PASSES = ("forward", "forward + backward", "render")
@@ -49,7 +50,7 @@ def main(flags: Sequence[str]) -> None:
     model, camera = load(args)
     plain = model.plain()
     cases: dict[str, Callable[[float], Splats]] = {
-        name: partial(with_dog, plain, *parameters) for name, parameters in CASES.items()
+        name: partial(with_share_of_dog, plain, *parameters) for name, parameters in CASES.items()
     }
     if model.n_dog:
         cases[f"as trained, {model.n_dog:,} DoG"] = partial(with_some_of_its_dog, model)
@@ -88,15 +89,9 @@ def chosen(n: int, share: float) -> Array:
     return np.sort(np.random.default_rng(0).permutation(n)[: round(share * n)])
 
 
-def with_dog(plain: Splats, opacity: float, scale: float, share: float) -> Splats:
+def with_share_of_dog(plain: Splats, opacity: float, scale: float, share: float) -> Splats:
     """A share of the primitives made DoG with one f_a and F."""
-    index = chosen(plain.n_splats, share)
-    return replace(
-        plain,
-        dog_index=index,
-        dog_logit_opacities=np.full(len(index), np.log(opacity / (1 - opacity))),
-        dog_log_scales=np.full((len(index), 3), np.log(scale)),
-    )
+    return with_dog(plain, chosen(plain.n_splats, share), opacity, scale)
 
 
 def with_some_of_its_dog(model: Splats, share: float) -> Splats:
@@ -151,8 +146,7 @@ def tile_pairs(splats: Splats, camera: Camera) -> tuple[int, list[float]]:
     if projection.pseudo is None:
         return len(splat), []
     tile = np.repeat(np.arange(grid.n_tiles), lists.end.numpy() - lists.begin.numpy())
-    dog_row = np.full(splats.n_splats, -1)
-    dog_row[splats.dog_index] = np.arange(splats.n_dog)
+    dog_row = row_of_splats(splats.dog_index, splats.n_splats)
     is_dog = dog_row[splat] >= 0
     splat, tile = splat[is_dog], tile[is_dog]
 

@@ -20,7 +20,7 @@ from mi_dogsplat.support.variants import set_variant
 
 from ..flags import at_least_one
 from ..timing import medians
-from .dog_share import CASES, load, with_dog
+from .dog_share import CASES, load, with_share_of_dog
 from .lean import engine_backward, engine_forward
 
 PASSES = ("forward", "forward + backward")
@@ -70,7 +70,7 @@ def as_it_is(splats: Splats) -> Splats:
 
 def dog(splats: Splats) -> Splats:
     """All primitives DoG."""
-    return with_dog(splats, *CASES["f_a .05, F .6"], share=1.0)
+    return with_share_of_dog(splats, *CASES["f_a .05, F .6"], share=1.0)
 
 
 def with_slopes(splats: Splats) -> Splats:

@@ -7,10 +7,12 @@ that whole tiles meet none; ``met`` is the share of the isects that are DoG. The
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.engine.arrays import backward
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import RAW, RAW_OF_GROUPS, upload
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
@@ -68,15 +70,13 @@ def shares_of_dog(splats: Splats, camera: Camera) -> None:
         print(f"{share:5.0%} {where:12s} {share_met(model, camera):5.0%}    {cells[0]}   {cells[1]}")
 
 
-def with_dog(splats: Splats, index: np.ndarray) -> Splats:
-    """The model with the primitives ``index`` made DoG."""
-    m = len(index)
-    arrays = {name: getattr(splats, name) for name in RAW}
-    return Splats(
-        **arrays,
+def with_dog(splats: Splats, index: np.ndarray, opacity: float = DOG_OPACITY, scale: float = DOG_SCALE) -> Splats:
+    """A plain model with the primitives ``index`` made DoG, of one f_a and F."""
+    return replace(
+        splats,
         dog_index=np.sort(index).astype(np.uint32),
-        dog_logit_opacities=np.full(m, np.log(DOG_OPACITY / (1 - DOG_OPACITY))),
-        dog_log_scales=np.full((m, 3), np.log(DOG_SCALE)),
+        dog_logit_opacities=np.full(len(index), np.log(opacity / (1 - opacity))),
+        dog_log_scales=np.full((len(index), 3), np.log(scale)),
     )
 
 
@@ -109,14 +109,7 @@ def stripped_forward(splats: Splats, camera: Camera) -> Callable[[], None]:
 def engine_backward(splats: Splats, camera: Camera, sh_degree: int = 0) -> Callable[[], None]:
     view, options, δcolors = DeviceCamera.upload(camera), RasterOptions(sh_degree), adjoints(camera)
 
-    def backward(params: dict) -> None:
-        colors = rasterize(params, view, options).colors
-        for plane, δ in zip(colors, δcolors, strict=True):
-            dr.set_grad(plane, δ)
-        dr.enqueue(dr.ADMode.Backward, colors)
-        dr.traverse(dr.ADMode.Backward)
-
-    return gradients(splats, backward)
+    return gradients(splats, lambda params: backward(rasterize(params, view, options).colors, δcolors))
 
 
 def stripped_backward(splats: Splats, camera: Camera) -> Callable[[], None]:
@@ -125,14 +118,14 @@ def stripped_backward(splats: Splats, camera: Camera) -> Callable[[], None]:
     return gradients(splats, lambda params: plain_renderer.backward(params, view, δcolors))
 
 
-def gradients(splats: Splats, backward: Callable[[dict], None]) -> Callable[[], None]:
+def gradients(splats: Splats, propagate: Callable[[dict], None]) -> Callable[[], None]:
     """A pass that accumulates gradients on the parameters, evaluates and forgets them."""
     params = upload(splats)
     values = [params[name] for name in RAW + RAW_OF_GROUPS if name in params]
     dr.enable_grad(values)
 
     def run() -> None:
-        backward(params)
+        propagate(params)
         dr.eval([dr.grad(value) for value in values])
         dr.clear_grad(values)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.engine.arrays import backward
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.training.train import Trainer
 
@@ -24,11 +25,7 @@ def passes(trainer: Trainer) -> dict[str, Callable[[], None]]:
 
     def both() -> None:
         params = trainer.optimizer.params
-        planes = rasterize(params, camera, options).colors
-        for plane, δ in zip(planes, adjoint, strict=True):
-            dr.set_grad(plane, δ)
-        dr.enqueue(dr.ADMode.Backward, planes)
-        dr.traverse(dr.ADMode.Backward)
+        backward(rasterize(params, camera, options).colors, adjoint)
         dr.eval([dr.grad(value) for value in params.values()])
         for value in params.values():
             dr.clear_grad(value)

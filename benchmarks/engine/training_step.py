@@ -8,6 +8,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.engine.arrays import backward
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.scene.cameras import Camera
@@ -48,12 +49,6 @@ def contestants(splats: Splats, camera: Camera) -> dict[str, Callable[[], None]]
 
     def forward():
         dr.eval(rasterize({k: dr.detach(v) for k, v in optimizer.params.items()}, device_camera, options).colors)
-
-    def backward(planes, gradient):
-        for plane, δ in zip(planes, gradient, strict=True):
-            dr.set_grad(plane, mi.Float(δ))
-        dr.enqueue(dr.ADMode.Backward, planes)
-        dr.traverse(dr.ADMode.Backward)
 
     def rasterisation():
         params = optimizer.params

@@ -30,6 +30,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.engine.arrays import backward
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, device_array, upload
@@ -91,10 +92,7 @@ class Jacobian:
     def backward(self, view: int, adjoint: list[Any]) -> np.ndarray:
         """Jᵀ u of a view, float64."""
         leaves, planes = self._planes(self.cameras[view])
-        for plane, δ in zip(planes, adjoint, strict=True):
-            dr.set_grad(plane, mi.Float(δ))
-        dr.enqueue(dr.ADMode.Backward, planes)
-        dr.traverse(dr.ADMode.Backward)
+        backward(planes, adjoint)
         return np.concatenate([dr.grad(leaf).numpy() for leaf in leaves]).astype(np.float64)
 
     @property

@@ -16,7 +16,7 @@ from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import GIVEN, RECIPES
 from mi_dogsplat.training.train import Trainer
 
-SWEEP_EVERY = 50  # steps between looks at the number of DoG primitives and the clock, as in a run's history
+LOOK_EVERY = 50  # steps between looks at the number of DoG primitives and the clock, as in a run's history
 
 
 def pruned_state(config: TrainConfig, dataset: Dataset, out: Path) -> dict[str, np.ndarray]:
@@ -40,7 +40,7 @@ def train_on(trainer: Trainer, steps: int) -> float:
     clock = [(0, time.perf_counter())]
     for step in range(1, steps + 1):
         trainer.step()
-        if step % SWEEP_EVERY == 0 or step == steps:
+        if step % LOOK_EVERY == 0 or step == steps:
             _ = trainer.optimizer.n_dog
             dr.sync_thread()
             clock.append((step, time.perf_counter()))

@@ -71,36 +71,30 @@ def settings(scene: Scene) -> list[Setting]:
         return whole if share == 1 else Model.of(splats.select(rows), rows)
 
     def points() -> Iterator[tuple[str, str, RasterOptions, Model]]:
-        for label, value in ALPHA.items():
-            yield "alpha cutoff", label, replace(default, cutoffs=replace(cutoffs, alpha=value)), whole
-        for label, value in TRANSMITTANCE.items():
-            yield "transmittance cutoff", label, replace(default, cutoffs=replace(cutoffs, transmittance=value)), whole
-        for label, value in BOUND.items():
-            yield "bound", label, replace(default, cutoffs=replace(cutoffs, bound=value)), whole
+        for group, field, values in (
+            ("alpha cutoff", "alpha", ALPHA),
+            ("transmittance cutoff", "transmittance", TRANSMITTANCE),
+            ("bound", "bound", BOUND),
+        ):
+            for label, value in values.items():
+                yield group, label, replace(default, cutoffs=replace(cutoffs, **{field: value})), whole
         for label, value in PATCH.items():
             yield "exponentials", label, replace(default, patch=value), whole
         for label, value in reversed(KEPT.items()):
             yield "primitives kept", label, default, best(value)
         for degree in range(splats.sh_degree + 1) if splats.sh_degree else ():
             yield "SH degree", f"degree {degree}", replace(default, sh_degree=degree), whole
-        if splats.n_dog:
-            yield "DoG", "without DoG", default, Model.of(splats.plain(), whole.kept)
-            yield "DoG", "with DoG", default, whole
-        if splats.n_slopes:
-            yield "slopes", "without slopes", default, Model.of(splats.without_slopes(), whole.kept)
-            yield "slopes", "with slopes", default, whole
-        if splats.n_curvatures:
-            yield "curvatures", "without curvatures", default, Model.of(splats.without_curvatures(), whole.kept)
-            yield "curvatures", "with curvatures", default, whole
-        if splats.n_cuts:
-            yield "cuts", "without cuts", default, Model.of(splats.without_cuts(), whole.kept)
-            yield "cuts", "with cuts", default, whole
-        if splats.n_second_cuts:
-            yield "second cuts", "without second cuts", default, Model.of(splats.without_second_cuts(), whole.kept)
-            yield "second cuts", "with second cuts", default, whole
-        if splats.n_shifts:
-            yield "shifts", "without shifts", default, Model.of(splats.without_shifts(), whole.kept)
-            yield "shifts", "with shifts", default, whole
+        for kind, number, without in (
+            ("DoG", splats.n_dog, splats.plain),
+            ("slopes", splats.n_slopes, splats.without_slopes),
+            ("curvatures", splats.n_curvatures, splats.without_curvatures),
+            ("cuts", splats.n_cuts, splats.without_cuts),
+            ("second cuts", splats.n_second_cuts, splats.without_second_cuts),
+            ("shifts", splats.n_shifts, splats.without_shifts),
+        ):
+            if number:
+                yield kind, f"without {kind}", default, Model.of(without(), whole.kept)
+                yield kind, f"with {kind}", default, whole
 
     alone = {"default": default, "no cutoffs": replace(default, cutoffs=SMOOTH)}
     return [*(Setting("", *point, whole) for point in alone.items()), *(Setting(*point) for point in points())]

@@ -58,13 +58,13 @@ def measure(scene: Scene, rounds: int, progress: Callable[[str], None] = lambda 
     forward = milliseconds_in_turn({key: job.forward for key, job in jobs.items()}, rounds)
     total = milliseconds_in_turn({key: job.gradients for key, job in jobs.items()}, rounds)
 
-    times = [(forward[key], total[key]) for key in jobs]
-    image_front = pareto_front([t for t, _ in times], [errors[key]["mean_error"] for key in jobs])
-    gradient_front = pareto_front([t for _, t in times], [errors[key]["worst_gradient_error"] for key in jobs])
+    image_front = pareto_front(list(forward.values()), [errors[key]["mean_error"] for key in jobs])
+    gradient_front = pareto_front(list(total.values()), [errors[key]["worst_gradient_error"] for key in jobs])
     measured = {}
-    for key, (forward_ms, total_ms), *fronts in zip(jobs, times, image_front, gradient_front, strict=True):
-        on_front = dict(zip(("image_front", "gradient_front"), map(bool, fronts), strict=True))
-        measured[key] = {"forward_ms": forward_ms, "total_ms": total_ms, **errors[key], **on_front}
+    for key, by_image, by_gradient in zip(jobs, image_front, gradient_front, strict=True):
+        times = {"forward_ms": forward[key], "total_ms": total[key]}
+        fronts = {"image_front": bool(by_image), "gradient_front": bool(by_gradient)}
+        measured[key] = times | errors[key] | fronts
     default = points[0].key
     rows = [{"group": p.group, "setting": p.label, "default": p.key == default, **measured[p.key]} for p in points]
     size = {"width": scene.camera.width, "height": scene.camera.height}

@@ -69,8 +69,11 @@ def compare(
         if not load_dataset(path, config.downscale, split=config.split).test:
             raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
     on_dask = cluster is not None or workers > 0
-    with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _claimed(out):
-        _claim(out, {f: replace(config, data=str(Path(p).resolve())) for f, p in zip(folders, data, strict=True)})
+    with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
+        if not (out / COMPARISON).exists():
+            write_json(out / COMPARISON, {})  # by which the folder is known
+        for folder, path in zip(folders, data, strict=True):
+            claim(folder, replace(config, data=str(Path(path).resolve())))
         tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods, targets)]
         tasks = [task for task in tasks if not task.done]
         failed: dict[str, str] = {}
@@ -87,6 +90,7 @@ def compare(
 
 
 def _names(data: Sequence[str]) -> list[str]:
+    """Of the data sets in the result. Raises ``DataError`` if two are one."""
     paths = [Path(path).resolve() for path in data]
     names = [path.name if path.is_dir() else path.stem for path in paths]
     for name in names:
@@ -104,7 +108,7 @@ def _check_folder(out: Path) -> None:
 
 
 @contextmanager
-def _claimed(out: Path) -> Iterator[None]:
+def _locked(out: Path) -> Iterator[None]:
     """The folder is ours alone, without what killed processes left in it; runs look after theirs."""
     out.mkdir(parents=True, exist_ok=True)
     with locked(out, "another comparison is writing to it"):
@@ -112,16 +116,8 @@ def _claimed(out: Path) -> Iterator[None]:
         yield
 
 
-def _claim(out: Path, settings: dict[Path, TrainConfig]) -> None:
-    """Make the folder one of a comparison, and those of the data sets in it."""
-    if not (out / COMPARISON).exists():
-        write_json(out / COMPARISON, {})
-    for folder, config in settings.items():
-        claim(folder, config)
-
-
 def claim(out: Path, config: TrainConfig) -> None:
-    """Make the folder one of runs with these settings. Raises ``DataError`` if it is something else."""
+    """Make the folder one of runs on a data set, all with these settings. Raises ``DataError`` for anything else."""
     settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed", *FREE)}
     path = out / CONFIG
     earlier = {field.name: field.default for field in dataclasses.fields(TrainConfig) if field.name in settings}
@@ -134,6 +130,7 @@ def claim(out: Path, config: TrainConfig) -> None:
 
 
 def _write(out: Path, failed: dict[str, str]) -> None:
+    """The tables and the page, of all runs that are there now."""
     table = collect_all(out, failed)
     write_tables(out, table)
     with replacing(out / "comparison.html") as part:
@@ -141,6 +138,7 @@ def _write(out: Path, failed: dict[str, str]) -> None:
 
 
 def _result(task: Task, error: str | None) -> str:
+    """How a task ended, in a few words."""
     if error:
         return f"failed: {error}"
     if task.kind != "train":

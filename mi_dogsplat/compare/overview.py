@@ -40,19 +40,19 @@ def overview(
     begun = folder / f"seed_{seed}" / START
     plots = []
     for column, error in ERRORS.items():
-        words = f"{measured} {error}"
+        more_is_better, words = column == "test_psnr", f"{measured} {error}"
         ways = {}
         for name, run in runs.items():
             kind = "dashed" if name.endswith(SUFFIX) else "line"
             ways[name] = _way(rows[name]["label"], run, column, kind, colors[name])
-        best = max if column == "test_psnr" else min
+        best = max if more_is_better else min
         level = best((best(way.y) for way in ways.values() if len(way.y)), default=0.0)
-        limit = level - DECIBELS if column == "test_psnr" else level * TIMES
-        drawn = {name: _upper(way, limit, column == "test_psnr") for name, way in ways.items()}
+        limit = level - DECIBELS if more_is_better else level * TIMES
+        drawn = {name: _good_part(way, limit, more_is_better) for name, way in ways.items()}
         drawn = {name: way for name, way in drawn.items() if len(way.x)}
         if drawn:
             start = [_way("the densified start", read_run(begun), column, "faint", 0)] if begun.is_dir() else []
-            start = [_upper(way, limit, column == "test_psnr") for way in start]
+            start = [_good_part(way, limit, more_is_better) for way in start]
             furthest = [name for name in OURS if name in drawn][-1:]
             ends = [_end(way, words, name in (*NAMED, *furthest)) for name, way in drawn.items()]
             plots.append(line_plot([*start, *drawn.values(), *ends], "run time, min", words, legend=False, height=340))
@@ -65,9 +65,9 @@ def _way(label: str, run: Run, column: str, kind: str, color: int) -> Series:
     return Series(label, minutes[known], values[known], kind, color)
 
 
-def _upper(way: Series, limit: float, above: bool) -> Series:
+def _good_part(way: Series, limit: float, more_is_better: bool) -> Series:
     """What is on the good side of ``limit``."""
-    kept = way.y >= limit if above else way.y <= limit
+    kept = way.y >= limit if more_is_better else way.y <= limit
     return replace(way, x=way.x[kept], y=way.y[kept])
 
 

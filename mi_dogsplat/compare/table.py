@@ -96,14 +96,13 @@ def label(table: dict[str, Any], data: str, method: str) -> str:
 
 def cells(table: dict[str, Any], data: str, method: str) -> list[tuple[str, bool]]:
     """Of a row: text, and whether it is the best of the compact models (the baseline with all primitives is none)."""
-    result = []
+    rows, result = {key: row["data"][data] for key, row in table["methods"].items() if data in row["data"]}, []
     for name in columns(table, data):
         _, digits, sign = COLUMNS[name]
-        rivals = {key: row["data"][data] for key, row in table["methods"].items() if data in row["data"]}
-        values = {key: row["summary"][name]["value"] * sign for key, row in rivals.items() if name in row["summary"]}
+        values = {key: row["summary"][name]["value"] * sign for key, row in rows.items() if name in row["summary"]}
         compact = {key: value for key, value in values.items() if METHODS[key].compact}
         best = sign != 0 and len(compact) > 1 and compact.get(method) == max(compact.values())
-        result.append((_with_spread(rivals[method], name, digits), best))
+        result.append((_with_spread(rows[method], name, digits), best))
     return result
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from ..scene.drawing import Drawing, comments_of
 from ..scene.ply import write_ply
 from ..scene.radiance import brightened
+from ..scene.row_groups import BESIDE_COLORS
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from .coded import CODED, snapped
 from .model import Model
@@ -24,8 +25,6 @@ from .write import write_model
 KINDS = ("ply", "spz", "sog")
 FLOAT, INDEX = 4, 4  # bytes
 VERTEX = 17 * FLOAT  # position, normal, constant colour, opacity, scales, rotation
-DOG_ROW, SLOPE_ROW = INDEX + 4 * FLOAT, INDEX + 9 * FLOAT
-CURVATURE_ROW, CUT_ROW, SHIFT_ROW = INDEX + 6 * FLOAT, INDEX + 3 * FLOAT, INDEX + 12 * FLOAT
 BLOCK = 1024  # primitives that are neighbours in the order of a file
 BLOCKS = 12  # of them, at most, are encoded to measure prices: for a larger model, spread over it
 
@@ -130,7 +129,7 @@ def prices(kind: FileKind, splats: Splats) -> Prices:
         raise ValueError("prices: the model is empty")
     if kind.name == "ply":
         bands = (VERTEX, *(VERTEX + INDEX + 3 * FLOAT * ((d + 1) ** 2 - 1) for d in range(1, MAX_SH_DEGREE + 1)))
-        rows = DOG_ROW, SLOPE_ROW, CURVATURE_ROW, CUT_ROW, CUT_ROW, SHIFT_ROW
+        rows = [INDEX + group.row_size * FLOAT for group in BESIDE_COLORS]  # in the order of ``Prices``
         return Prices(kind.size(Splats.empty(0)), bands, *rows)
     return _measured(kind, splats)
 

@@ -18,6 +18,7 @@ from ..engine.kernel_costs import aov_operations, operations, pair_operations, p
 from ..engine.options import RasterOptions, Settings
 from ..engine.walks.aovs import WALKED, walked
 from ..plugin.transfer import srgb_to_linear
+from ..scene.row_groups import CURVATURES, CUTS, DOG, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.threads import threads_to_load
@@ -26,9 +27,6 @@ from .unneeded import Unneeded, largest_alphas, used_sh_degrees
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
 PARAMETERS = 14  # of a Gaussian: centre 3, scales 3, quaternion 4, opacity, colour 3
-DOG_PARAMETERS, SLOPE_PARAMETERS, CUT_PARAMETERS = 4, 9, 3  # opacity, scales 3; channels along the axes; normal
-CURVATURE_PARAMETERS = 6  # entries of a symmetric matrix
-SHIFT_PARAMETERS = 12  # moves along three axes by the view along three; the mean view
 FLOAT = 4  # bytes, of an index too
 CLEAN = "dogsplat clean takes them out"
 
@@ -58,10 +56,10 @@ def model_features(parts: list[Splats], negative_transmittance: bool = True) -> 
     cost = f"each {_size(PARAMETERS)}, {operations_each:.0f} operations; per pixel {_sum(pair)}"
     gaussians = Feature("Gaussians", NEEDED, f"{counted(n, 'primitive')}; {cost}")
     features = [gaussians, *_dog_features(parts, negative_transmittance)]
-    features += _row_features(parts, "slopes", "slopes", (0, 1), SLOPE_PARAMETERS, "slopes")
-    features += _row_features(parts, "curvatures", "curvatures", (0, 1), CURVATURE_PARAMETERS, "curvatures")
-    features += _row_features(parts, "cuts", "cuts", (0, 1), CUT_PARAMETERS, "normals")
-    features += _row_features(parts, "second cuts", "cuts", (1, 2), CUT_PARAMETERS, "normals")
+    features += _row_features(parts, "slopes", SLOPES, "slopes", (0, 1), "slopes")
+    features += _row_features(parts, "curvatures", CURVATURES, "curvatures", (0, 1), "curvatures")
+    features += _row_features(parts, "cuts", CUTS, "cuts", (0, 1), "normals")
+    features += _row_features(parts, "second cuts", SECOND_CUTS, "cuts", (1, 2), "normals")
     features += [_shift_feature(parts), *_sh_features(parts)]
     return features + [Feature(name, UNUSED, f"{rest}; {CLEAN}") for name, rest in _unneeded_rows(parts)]
 
@@ -74,7 +72,7 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
     settings = Settings(3, negative_transmittance=negative_transmittance)
     more = _difference(pair_operations(settings, True, variant), pair_operations(Settings(3), False, variant))
     each = [primitive_operations(RasterOptions(0), dog, variant) for dog in (True, False)]
-    cost = f"each {_size(DOG_PARAMETERS, indices=1)}, {each[0] - each[1]:.0f} operations; per pixel {_sum(more)}"
+    cost = f"each {_size(DOG.row_size, indices=1)}, {each[0] - each[1]:.0f} operations; per pixel {_sum(more)}"
     faded = sum(int(np.sum(s.dog_opacities * largest_alphas(s)[s.dog_index] < Cutoffs().alpha)) for s in parts)
     features = [Feature("DoG", NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
     if m < n:
@@ -88,13 +86,12 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
 
 
 def _row_features(
-    parts: list[Splats], name: str, setting: str, values: tuple[int, int], parameters: int, zeros: str
+    parts: list[Splats], name: str, group: RowGroup, setting: str, values: tuple[int, int], zeros: str
 ) -> list[Feature]:
     """Of rows that some primitives have over their whole extent: slopes, curvatures, cuts or second cuts.
 
     Args:
         setting, values: what the kernels are specialised to without them and with them.
-        parameters: floats of a row.
         zeros: what the rest is drawn with.
     """
     held = f"n_{name.replace(' ', '_')}"
@@ -105,7 +102,7 @@ def _row_features(
     without, with_them = (pair_operations(replace(Settings(3), **{setting: v}), False, variant) for v in values)
     pair = _sum(_difference(with_them, without))
     each = [primitive_operations(RasterOptions(0), False, variant, **{setting: v}) for v in values]
-    cost = f"each {_size(parameters, indices=1)}, {each[1] - each[0]:.0f} operations; per pixel {pair}"
+    cost = f"each {_size(group.row_size, indices=1)}, {each[1] - each[0]:.0f} operations; per pixel {pair}"
     features = [Feature(name, NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
     if m < n:
         rest = f"{counted(n - m, 'primitive')} without, drawn with {zeros} of zero: as many operations"
@@ -120,7 +117,7 @@ def _shift_feature(parts: list[Splats]) -> Feature:
     if m == 0:
         return Feature("shifts", LEFT_OUT, share)
     each = [primitive_operations(RasterOptions(0), False, mi.variant(), shifts=shifts) for shifts in (True, False)]
-    cost = f"each {_size(SHIFT_PARAMETERS, indices=1)}, {each[0] - each[1]:.0f} operations"
+    cost = f"each {_size(SHIFTS.row_size, indices=1)}, {each[0] - each[1]:.0f} operations"
     return Feature("shifts", NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")
 
 

@@ -20,7 +20,7 @@ from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.wording import count, counted, duration, file_size, finite, fixed, printable
 from ..training.config import FREE, TrainConfig
-from .lines import drawn, line, sh_degrees
+from .lines import drawn, line, problem_lines, sh_degrees
 
 if TYPE_CHECKING:
     from ..datasets import Dataset
@@ -139,8 +139,7 @@ def describe_model(path: Path) -> list[str]:
     lengths = np.linalg.norm(splats.second_cut_normals, axis=1)
     lines += [line("second normals", _range(lengths))] if len(lengths) else []
     lines += [line("shifts", _range(splats.view_shifts))] if splats.n_shifts else []
-    problems = model_problems(splats)
-    return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
+    return lines + problem_lines(model_problems(splats))
 
 
 def model_problems(splats: Splats) -> list[str]:
@@ -191,7 +190,7 @@ def describe_run(path: Path) -> list[str]:
         problems.append("the run is not complete: it was interrupted, or is still running")
     if run.broken_rows:
         problems.append(f"{HISTORY} has {counted(run.broken_rows, 'line')} of something else than JSON")
-    return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
+    return lines + problem_lines(problems)
 
 
 def _settings(config: dict[str, Any]) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..scene.drawing import Drawing
@@ -12,6 +14,11 @@ from ..support.wording import count
 def line(name: str, value: str) -> str:
     """A name, and its value in the second column."""
     return f"  {name:16s}{value}"
+
+
+def problem_lines(problems: Sequence[str]) -> list[str]:
+    """The end of a description."""
+    return ["problems:", *(f"  {problem}" for problem in problems)] if problems else ["problems: none found"]
 
 
 def sh_degrees(splats: Splats) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from ..datasets.scene_file import load_scene
 from ..scene.kinds import kinds_of
 from ..support.wording import count, counted
-from .lines import drawn, line, sh_degrees
+from .lines import drawn, line, problem_lines, sh_degrees
 
 
 def describe_scene(path: Path) -> list[str]:
@@ -38,11 +38,11 @@ def describe_scene(path: Path) -> list[str]:
         line("sensors", ", ".join(sizes) or "none"),
         line("to see it", f"dogsplat render {shlex.quote(str(path))} -o picture.exr"),
     ]
-    problems = [] if ours else [f"  the integrator {name} does not know splats: use dogsplat or dogpath"]
-    problems += [] if sizes else ["  there is no sensor: nothing can be rendered"]
+    problems = [] if ours else [f"the integrator {name} does not know splats: use dogsplat or dogpath"]
+    problems += [] if sizes else ["there is no sensor: nothing can be rendered"]
     if ours:
         try:
             integrator.drawn_as(scene)
         except RuntimeError as error:  # its files disagree
-            problems.append(f"  {str(error).removeprefix('dogsplat: ')}")
-    return lines + (["problems:", *problems] if problems else ["problems: none found"])
+            problems.append(str(error).removeprefix("dogsplat: "))
+    return lines + problem_lines(problems)

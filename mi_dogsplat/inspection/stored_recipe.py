@@ -23,12 +23,12 @@ def recipe_of(run: Run, config: dict[str, Any]) -> dict[str, Any]:
     if run.recipe is None or "recipe" not in run.recipe:
         return dataclasses.asdict(_recipe_of_preset(run.path, config))
     recipe = run.recipe["recipe"]
-    if wrong := _misfit(recipe):
+    if wrong := _unfit_part(recipe):
         raise DataError(run.path / RECIPE, f'"{wrong}" is not what a comparison writes', REMEDY)
     return recipe
 
 
-def _misfit(recipe: Any) -> str:
+def _unfit_part(recipe: Any) -> str:
     """Name of the first part that is missing or of another kind; empty if there is none."""
     if not isinstance(recipe, dict):
         return "recipe"

@@ -30,8 +30,6 @@ LEAST_ALPHA = Cutoffs().alpha * (1 - 1e-4)  # below the cutoff by more than the 
 FADED = 2.0**-33  # of f_a o; half of what could round, for the same reason
 FLOAT = 4  # bytes
 GAUSSIAN = 14 * FLOAT  # bytes of a primitive of SH degree 0
-DOG_ROW, SLOPE_ROW, CURVATURE_ROW, CUT_ROW = 5 * FLOAT, 10 * FLOAT, 7 * FLOAT, 4 * FLOAT  # of rows, with an index
-SHIFT_ROW = 13 * FLOAT
 
 
 @dataclass(frozen=True)
@@ -87,12 +85,12 @@ class Unneeded:
         bands = 3 * FLOAT * ((splats.sh_degrees + 1) ** 2 - 1)  # [N] bytes above the constant band
         kinds = [
             ("invisible primitives", self.invisible, GAUSSIAN + bands),
-            ("DoG without effect", self.faded_dog, np.full(splats.n_dog, DOG_ROW)),
-            ("slopes that are zero", self.zero_slopes, np.full(splats.n_slopes, SLOPE_ROW)),
-            ("curvatures that are zero", self.zero_curvatures, np.full(splats.n_curvatures, CURVATURE_ROW)),
-            ("cuts that are zero", self.zero_cuts, np.full(splats.n_cuts, CUT_ROW)),
-            ("second cuts that are zero", self.zero_second_cuts, np.full(splats.n_second_cuts, CUT_ROW)),
-            ("shifts that are zero", self.zero_shifts, np.full(splats.n_shifts, SHIFT_ROW)),
+            ("DoG without effect", self.faded_dog, _row_bytes(splats.n_dog, DOG)),
+            ("slopes that are zero", self.zero_slopes, _row_bytes(splats.n_slopes, SLOPES)),
+            ("curvatures that are zero", self.zero_curvatures, _row_bytes(splats.n_curvatures, CURVATURES)),
+            ("cuts that are zero", self.zero_cuts, _row_bytes(splats.n_cuts, CUTS)),
+            ("second cuts that are zero", self.zero_second_cuts, _row_bytes(splats.n_second_cuts, SECOND_CUTS)),
+            ("shifts that are zero", self.zero_shifts, _row_bytes(splats.n_shifts, SHIFTS)),
         ]
         for degree in SH:
             zero = ~self.invisible & (splats.sh_degrees >= degree) & (left < degree)
@@ -115,6 +113,11 @@ class Unneeded:
         rows |= _rows(splats, SHIFTS, ~self.zero_shifts)
         lean = replace(splats, **rows).select(~self.invisible)
         return lean.with_sh_degrees(self.degrees_left(splats, mixed_sh)[~self.invisible])
+
+
+def _row_bytes(n: int, group: RowGroup) -> Array:
+    """[n] bytes of each row of a group, with its index."""
+    return np.full(n, FLOAT * (1 + group.row_size))
 
 
 def _rows(splats: Splats, group: RowGroup, which: Array) -> dict[str, Array]:

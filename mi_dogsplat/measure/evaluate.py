@@ -113,12 +113,13 @@ def _see(
     background: float,
     mask: np.ndarray | None,
     measure: Measure,
-    mapped: bool,
+    writes: bool,
 ) -> _Seen:
+    """Render a view and measure what takes renders or all cores; ``writes``: the map of FLIP will be a file."""
     rendered, truth = picture(view), photograph(view, background)
     color = seen_as(rendered, view)
     mean_flip, error = flip(color, truth, mask, view.name)
-    if mapped and mask is not None:
+    if writes and mask is not None:
         _, error = flip(color, truth, name=view.name)
     radiance, aligned_color, lpips = {}, None, {}
     if view.white is not None:
@@ -132,6 +133,7 @@ def _see(
 
 
 def _metrics(seen: _Seen, measure: Measure) -> dict[str, float]:
+    """All metrics of a view: those that are there, and what one core finds."""
     color, truth, mask = seen.color, seen.truth, seen.mask
     metrics = evaluate(color, truth, seen.view.name, mask, seen.mean_flip) | seen.radiance
     if measure.appearance is not None:
@@ -162,6 +164,7 @@ def view_files(folder: Path, name: str) -> list[Path]:
 def _after_fits(
     image: np.ndarray, truth: np.ndarray, camera: Camera, appearance: Appearance, mask: np.ndarray | None
 ) -> dict[str, float]:
+    """Metrics after colours were fitted to the photograph: of a view whose camera has learned vignetting."""
     r_sq = radii_squared(camera)
     taken = photographed(image, r_sq, appearance.numbers(camera))
     return {

@@ -111,10 +111,10 @@ def _error_after_motion(grey: Image, truth: Image, counts: Image) -> float:
         for _ in range(ITERATIONS):
             x, y = _moved(motion, basis, columns, rows)
             moved = _at(a, x, y)
-            columns_of = np.concatenate([_at(slope, x, y) * basis for slope in slopes])  # [6, H, W]
-            A = (columns_of * counts).reshape(6, -1)
-            normal = A @ columns_of.reshape(6, -1).T
-            right = A @ (b - moved).ravel()
+            J = np.concatenate([_at(slope, x, y) * basis for slope in slopes])  # [6, H, W], by the motion
+            weighted = (J * counts).reshape(6, -1)
+            normal = weighted @ J.reshape(6, -1).T  # of least squares, as the right side is
+            right = weighted @ (b - moved).ravel()
             motion = motion + np.linalg.lstsq(normal, right, rcond=1e-6)[0].reshape(2, 3)
         best = min(best, _error(_at(grey, *_moved(motion, basis, columns, rows)) - truth, counts))
     return best

@@ -90,8 +90,8 @@ def pixel_centres(x0: int, y0: int, x1: int, y1: int) -> tuple[np.ndarray, np.nd
     return x.ravel(), y.ravel()
 
 
-def _tile_boxes(width: int, height: int, tile_width: int, tile_height: int) -> list[tuple[int, ...]]:
-    # x0, y0, x1, y1 as `pixel_centres` takes them, row-major, cut at the image border
+def tile_boxes(width: int, height: int, tile_width: int, tile_height: int) -> list[tuple[int, ...]]:
+    """x0, y0, x1, y1 of each tile as `pixel_centres` takes them, row-major, cut at the image border."""
     return [(x, y, min(x + tile_width, width), min(y + tile_height, height))
             for y in range(0, height, tile_height) for x in range(0, width, tile_width)]
 
@@ -104,7 +104,7 @@ def tiles(projection: Projection, width: int, height: int, tile_width: int = 16,
     """
     lists: list[list[int]] = []
     order = depth_order(projection)
-    for box in _tile_boxes(width, height, tile_width, tile_height):
+    for box in tile_boxes(width, height, tile_width, tile_height):
         x, y = pixel_centres(*box)
         lists.append([i for i in order if max(G.max() for G in kernels(projection, i, x, y)) >= MIN_ALPHA])
     return [np.array(indices, np.int64) for indices in lists]
@@ -146,7 +146,7 @@ def composite(projection: Projection, tiles: Sequence[np.ndarray], width: int, h
     `smooth=True`: no 1/255 skip, no stop, for derivatives; the lists must then hold every visible primitive.
     Raises ValueError if the number of lists is not that of the tiles.
     """
-    boxes = _tile_boxes(width, height, tile_width, tile_height)
+    boxes = tile_boxes(width, height, tile_width, tile_height)
     if len(boxes) != len(tiles):
         raise ValueError(f"composite: {len(tiles)} lists for {len(boxes)} tiles; pass one list per tile")
     features = None if features is None else np.asarray(features, np.float64)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..scene.cuts import STEEPEST
 from .own_axes import lengths, quadratic_forms
-from .projection import LOW_PASS, conics_times_axes
+from .projection import LOW_PASS, conics_times_axes, determinants, symmetric
 
 
 def own_axes_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, values: np.ndarray,
@@ -31,13 +31,12 @@ def own_axes_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, coni
     S, δg = scales[:, None, :], δg.swapaxes(1, 2)  # [n, 1, 3], [n, 2, 3]
     V, B = C * S, conics_times_axes(C, scales**2, cov2d, conics)  # B = Sigma'^-1 C
     P, δP = B * S, δg @ values.swapaxes(1, 2)
-    det = (cov2d[:, 2] / conics[:, 0])[:, None, None]
     n, gram = np.cross(V[:, 0], V[:, 1]), V.swapaxes(1, 2) @ V
     trace = (V**2).sum((1, 2))[:, None, None]
-    unseen = (n[:, :, None] * n[:, None, :] + LOW_PASS * (trace * np.eye(3) - gram) + LOW_PASS**2 * np.eye(3)) / det
+    adjugate = n[:, :, None] * n[:, None, :] + LOW_PASS * (trace * np.eye(3) - gram) + LOW_PASS**2 * np.eye(3)
+    unseen = adjugate / determinants(cov2d, conics)  # 1 - H
     G = P.swapaxes(1, 2) @ δP
-    conic = conics[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-    δV = conic @ δP @ unseen - P @ G.swapaxes(1, 2)
+    δV = symmetric(conics) @ δP @ unseen - P @ G.swapaxes(1, 2)
     along = (G * unseen.swapaxes(1, 2)).sum(2) - ((P.swapaxes(1, 2) @ V) * G).sum(2)  # diagonal of V^T δV
     turned = (B.swapaxes(1, 2) @ δP @ unseen - B.swapaxes(1, 2) @ V @ G.swapaxes(1, 2)) * S  # C^T δV S
     δω = turned[:, [2, 0, 1], [1, 2, 0]] - turned[:, [1, 2, 0], [2, 0, 1]]

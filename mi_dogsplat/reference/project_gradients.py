@@ -29,8 +29,11 @@ from .projection import (
     MIN_ANTIALIAS_RATIO,
     Projection,
     conics_times_axes,
+    determinants,
     sh_basis,
     sigmoid,
+    symmetric,
+    turned_columns,
 )
 from .quaternions import quats_backward, rotations
 from .shifts import seen_from, shifts_backward
@@ -129,21 +132,16 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     return δ | unpadded_sh(δ["sh_coeffs"], splats)
 
 
-def _symmetric(rows: np.ndarray) -> np.ndarray:
-    return rows[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-
-
 def _kernel_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, moments: np.ndarray,
                      antialiased: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """δmeans2d [n, 2], δlog_scales [n, 3], δω [n, 3] and δC [n, 2, 3] of one kernel per primitive."""
-    variances, conic = scales**2, _symmetric(conics)
-    D = _symmetric(moments[:, 3:])
+    variances, conic = scales**2, symmetric(conics)
+    D = symmetric(moments[:, 3:])
     if antialiased:
         # log of the factor: (log det(A A^T) - log det Sigma') / 2, again as a D
-        det = (cov2d[:, 2] / conics[:, 0])[:, None, None]
-        turned = np.stack([-C[:, 1], C[:, 0]], axis=1)  # columns of C by 90 degrees
+        turned = turned_columns(C)
         det_raw = (np.cross(*(C * scales[:, None, :]).swapaxes(0, 1)) ** 2).sum(1)[:, None, None]
-        free = det_raw > MIN_ANTIALIAS_RATIO * det
+        free = det_raw > MIN_ANTIALIAS_RATIO * determinants(cov2d, conics)
         inverse = (turned * variances[:, None, :]) @ turned.swapaxes(1, 2) / np.where(free, det_raw, 1)  # of A A^T
         D = D + np.where(free, moments[:, 0, None, None] * LOW_PASS * (np.eye(2) + LOW_PASS * inverse), 0)
     B = conics_times_axes(C, variances, cov2d, conics)  # [n, 2, 3]

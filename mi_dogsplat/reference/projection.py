@@ -91,15 +91,28 @@ def _covariance(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return cov2d, conics, np.sqrt(np.maximum(MIN_ANTIALIAS_RATIO, det_raw / det))
 
 
+def symmetric(rows: np.ndarray) -> np.ndarray:
+    """[n, 2, 2] matrices of their rows (xx, xy, yy) [n, 3]."""
+    return rows[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+
+
+def determinants(cov2d: np.ndarray, conics: np.ndarray) -> np.ndarray:
+    """det Sigma' [n, 1, 1], without cancellation: the conic, its inverse, has yy / det Sigma' for xx."""
+    return (cov2d[:, 2] / conics[:, 0])[:, None, None]
+
+
+def turned_columns(C: np.ndarray) -> np.ndarray:
+    """The columns of C [n, 2, 3], each turned by 90 degrees."""
+    return np.stack([-C[:, 1], C[:, 0]], axis=1)
+
+
 def conics_times_axes(C: np.ndarray, variances: np.ndarray, cov2d: np.ndarray, conics: np.ndarray) -> np.ndarray:
     """Sigma'^-1 C [N, 2, 3] from C = J W R and the variances [N, 3] along its columns.
 
     Taken from cross products of the columns, which do not cancel on needles as the conic times C would.
     """
-    det = (cov2d[:, 2] / conics[:, 0])[:, None, None]
-    turned = np.stack([-C[:, 1], C[:, 0]], axis=1)  # columns of C by 90 degrees
     minors = C[:, 0, :, None] * C[:, 1, None, :] - C[:, 1, :, None] * C[:, 0, None, :]  # [n, j, k] = C_j x C_k
-    return (LOW_PASS * C + (turned * variances[:, None, :]) @ minors) / det
+    return (LOW_PASS * C + (turned_columns(C) * variances[:, None, :]) @ minors) / determinants(cov2d, conics)
 
 
 def _extents(cov2d: np.ndarray, opacities: np.ndarray) -> np.ndarray:

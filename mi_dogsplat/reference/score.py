@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .forward import MAX_ALPHA, MIN_T, colors_at, depth_order, kernels, pixel_centres, render
-from .projection import MIN_ALPHA, project
+from .projection import MIN_ALPHA, Projection, project
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -43,7 +43,8 @@ def footprints(
     result = np.zeros((len(projection.depths), camera.height * camera.width))
     shown, (x, y) = np.ones((alphas.shape[1], 3)), pixel_centres(0, 0, camera.width, camera.height)
 
-    def image(i, alpha):
+    def image(i: int, alpha: np.ndarray) -> np.ndarray:
+        """[P, 3] with this alpha [P] of primitive i in place of its own; as it is with i = -1."""
         total, T = np.zeros((alphas.shape[1], 3)), np.ones((alphas.shape[1], 1))
         for j in order:
             a = (alpha if j == i else alphas[j])[:, None]
@@ -52,9 +53,9 @@ def footprints(
         return total + T * np.asarray(background)
 
     if clamped:
-        shown = (np.abs(image(-1, None) - 0.5) <= 0.5) * 1.0
+        shown = (np.abs(image(-1, np.zeros(0)) - 0.5) <= 0.5) * 1.0
 
-    def summed_image(i, alpha):
+    def summed_image(i: int, alpha: np.ndarray) -> np.ndarray:
         return (image(i, alpha) * shown).sum(1)
 
     for i in order:
@@ -77,7 +78,7 @@ def weights(splats: Splats, camera: Camera, **options) -> tuple[np.ndarray, np.n
     return tuple(x.reshape(-1, camera.height, camera.width) for x in (weight, transmittance))  # type: ignore[return-value]
 
 
-def _blended_alphas(projection, camera: Camera, negative_transmittance: bool) -> np.ndarray:
+def _blended_alphas(projection: Projection, camera: Camera, negative_transmittance: bool) -> np.ndarray:
     """[N, H*W], 0 where a primitive is too faint or the walk has ended."""
     x, y = pixel_centres(0, 0, camera.width, camera.height)
     alphas, T, walking = np.zeros((len(projection.depths), len(x))), np.ones(len(x)), np.ones(len(x), bool)

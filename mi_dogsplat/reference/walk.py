@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..scene.cuts import OFFSET
-from .forward import MAX_ALPHA, MAX_T, depth_order
+from .forward import MAX_ALPHA, MAX_T, depth_order, tile_boxes
 from .own_axes import kept, largest_kept, log_kept_slope
 from .projection import Projection
 
@@ -53,8 +53,7 @@ def blocks(projection: Projection, camera: Camera, min_alpha: float) -> Iterator
     order = depth_order(projection)
     centres = projection.means2d[order]
     low, high = centres - extents[order], centres + extents[order]
-    boxes = [(x, y, min(x + TILE_SIZE, camera.width), min(y + TILE_SIZE, camera.height))
-             for y in range(0, camera.height, TILE_SIZE) for x in range(0, camera.width, TILE_SIZE)]
+    boxes = tile_boxes(camera.width, camera.height, TILE_SIZE, TILE_SIZE)
     while boxes:
         x0, y0, x1, y1 = boxes.pop()
         meets = ((low[:, 0] <= x1 - 0.5) & (high[:, 0] >= x0 + 0.5) &

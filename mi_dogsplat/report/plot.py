@@ -139,6 +139,7 @@ def line_plot(
 
 
 def _drawable(series: Series, log_x: bool, log_y: bool) -> Series:
+    """What the scales can show of a series; of a long curve without notes, fewer points of the same outline."""
     ok = np.isfinite(series.x) & np.isfinite(series.y)
     for values, log in ((series.x, log_x), (series.y, log_y)):
         if log:
@@ -151,6 +152,7 @@ def _drawable(series: Series, log_x: bool, log_y: bool) -> Series:
 
 
 def _x_range(series: Sequence[Series], log: bool, start: float) -> tuple[float, float]:
+    """From ``start``, or the first value if that is less, to the last one; never of length 0."""
     xs = np.concatenate([s.x[np.isfinite(s.x)] for s in series])
     low, high = float(xs.min()), float(xs.max())
     if log:
@@ -159,8 +161,9 @@ def _x_range(series: Sequence[Series], log: bool, start: float) -> tuple[float, 
     return low, high if high > low else low + max(1.0, 1e-6 * abs(low))
 
 
-def _padded(low: float, high: float, log_y: bool, from_zero: bool, share: float = MARGIN) -> tuple[float, float]:
-    if log_y:
+def _padded(low: float, high: float, log: bool, from_zero: bool, share: float = MARGIN) -> tuple[float, float]:
+    """The range of an axis: that of its values, and a margin (``share`` of it, of a linear one) on either side."""
+    if log:
         margin = max((high / low) ** 0.05, 1.02)
         return low / margin, high * margin
     low = min(0.0, low) if from_zero else low

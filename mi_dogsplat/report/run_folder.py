@@ -16,7 +16,7 @@ from ..poses.config import SETTINGS as POSES
 from ..scene.appearance import APPEARANCE, Appearance, read_appearance
 from ..scene.drawing import value_of
 from ..support.errors import DataError
-from ..support.files import parse_json, read_json
+from ..support.files import parse_json, read_object
 from ..support.settings import unfit
 from ..support.wording import finite
 from ..training.config import TrainConfig
@@ -28,10 +28,10 @@ HISTORY = "history.jsonl"
 METRICS = "metrics.json"
 REPORT = "report.html"
 RECIPE = "recipe.json"  # of a method in a comparison: its label and the numbers of its recipe
+RENDER_MS = "render_ms.json"  # of a method in a comparison: its render time, measured in turns with the others'
 REFINED = "refined"  # the data of the run with the poses that it has refined, a folder
 POSED = "posed"  # the data of the run where it has found their poses first, a folder
-RENDER_MS = "render_ms.json"  # of the same: its render time, measured in turns with the others'
-DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
+DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (runs/mixture.py)
 MISFITS = "train/misfits.json"  # training images that do not fit (runs/misfits.py)
 
 # Settings by which others draw the model of a run and find its data; the rest are only shown.
@@ -144,6 +144,7 @@ def _last_part(path: Any) -> str:
 
 
 def _read_config(path: Path) -> dict[str, Any]:
+    """Settings of a run, of which those that are ``FOLLOWED`` may be relied on. Raises ``DataError``."""
     config = _read_object(path) or {}
     wrong = unfit(TrainConfig, {name: config[name] for name in FOLLOWED if name in config})
     up = config.get("up")
@@ -155,17 +156,16 @@ def _read_config(path: Path) -> dict[str, Any]:
 
 
 def _read_object(path: Path, parts: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any] | None:
+    """The object in a file, with ``parts`` of the right kinds; None without the file. Raises ``DataError``."""
     if not path.is_file():
         return None
-    content = read_json(path, REMEDY)
-    if not isinstance(content, dict):
-        raise DataError(path, "not a JSON object", REMEDY)
-    if wrong := _misfit(content, parts):
+    content = read_object(path, REMEDY)
+    if wrong := _unfit_part(content, parts):
         raise DataError(path, f'"{wrong}" is not what a run writes', REMEDY)
     return content
 
 
-def _misfit(content: Mapping[str, Any], parts: Mapping[str, Any]) -> str:
+def _unfit_part(content: Mapping[str, Any], parts: Mapping[str, Any]) -> str:
     """The first of the ``parts`` that is there and of another kind; empty if there is none."""
     for name, kind in parts.items():
         for key in content if name == ANY else [name] if name in content else []:
@@ -175,12 +175,13 @@ def _misfit(content: Mapping[str, Any], parts: Mapping[str, Any]) -> str:
                     return key
             elif not isinstance(value, dict):
                 return key
-            elif inner := _misfit(value, kind):
+            elif inner := _unfit_part(value, kind):
                 return f"{key}.{inner}"
     return ""
 
 
 def _read_rows(path: Path) -> tuple[list[dict[str, Any]], int]:
+    """Rows of a history, and how many of its lines are none."""
     rows: list[dict[str, Any]] = []
     broken = 0
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []:

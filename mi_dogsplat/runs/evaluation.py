@@ -41,8 +41,8 @@ def evaluate_model(
         masks: folder of masks, named as the images; black pixels do not count.
         color_correct: also measure PSNR after each view's best colour map.
         data_on_disk: decode images when they are due.
-        align_poses: also measure PSNR from the pose near that of each view that fits its photograph best.
         options: how the model is drawn, where its file is not to say so; ``downscale`` shrinks the photographs.
+        align_poses: also measure PSNR from the pose near that of each view that fits its photograph best.
 
     LPIPS is measured where its weights are installed. Needs a Mitsuba variant. Raises ``DataError``.
     """

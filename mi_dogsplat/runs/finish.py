@@ -26,6 +26,8 @@ from .mixture import write_mixture
 from .model_files import write_model_files
 from .refined_poses import moved_views, write_poses
 
+TRAINING_VIEWS = 8  # that are measured, or a few more
+
 
 def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     """Write the model, measure it, and write the report; returns what ``metrics.json`` holds.
@@ -53,9 +55,11 @@ def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     }
     if config.refine_poses:
         write_poses(trainer, out)
-    fit = trainer.background, trainer.photographs.mask_folder, config.appearance
-    shown, seen = lambda view: seen_as(trainer.picture(view), view), trainer.photographs.originals
-    write_misfits(out, shown, seen, config.steps, *fit)
+    photographs = trainer.photographs
+    write_misfits(
+        out, lambda view: seen_as(trainer.picture(view), view), photographs.originals, config.steps,
+        trainer.background, photographs.mask_folder, config.appearance,
+    )  # fmt: skip
     write_report(out, metrics)
     write_json(out / METRICS, metrics)
     return metrics
@@ -71,13 +75,16 @@ def measured(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test", measure
     )
     if trainer.optimizer.n_dog and views:
-        how = trainer.options, trainer.background, drawn_as(trainer.drawing)
-        write_mixture(trainer.model(), dataset.test, views, out / "test", *how, measure.masks)
-    seen = trainer.photographs.originals
-    some, as_they_are = seen[:: max(1, len(seen) // 8)], replace(measure, align_extent=None)
+        write_mixture(
+            trainer.model(), dataset.test, views, out / "test", trainer.options, trainer.background,
+            drawn=drawn_as(trainer.drawing), masks=measure.masks,
+        )  # fmt: skip
+    trained = trainer.photographs.originals
+    some = trained[:: max(1, len(trained) // TRAINING_VIEWS)]
+    as_they_are = replace(measure, align_extent=None)
     return {
         "test": mean_metrics(views),
         "train": mean_metrics(evaluate_views(trainer.picture, some, trainer.background, measure=as_they_are)),
         "views": views,
-        "render_ms": render_milliseconds(trainer.picture, dataset.test or seen),
+        "render_ms": render_milliseconds(trainer.picture, dataset.test or trained),
     }

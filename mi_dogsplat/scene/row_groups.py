@@ -8,6 +8,7 @@ what each degree of view-dependent colour takes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -34,6 +35,11 @@ class RowGroup:
     def row(self) -> str:
         """Name of the inverse of the index, [N]: the row of each primitive."""
         return self.index.replace("_index", "_row")
+
+    @property
+    def row_size(self) -> int:
+        """Numbers of a row, of all arrays."""
+        return sum(math.prod(shape) for shape in self.arrays.values())
 
     @property
     def names(self) -> tuple[str, ...]:

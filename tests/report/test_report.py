@@ -220,7 +220,7 @@ def test_bad_input_is_named_in_one_line(run, tmp_path):
     with pytest.raises(DataError, match=r"metrics.json: not valid JSON"):
         write_report(run)
     (run / "metrics.json").write_text("[]")
-    with pytest.raises(DataError, match=r"metrics.json: not a JSON object"):
+    with pytest.raises(DataError, match=r"metrics.json: is not a JSON object"):
         write_report(run)
 
 

@@ -51,8 +51,9 @@ def run(args: argparse.Namespace) -> int:
     set_variant(args.variant)
     from ...check.run import check as run_check
 
-    how = args.only, args.runs, args.data, args.camera, args.width, args.rounds
-    report = run_check(args.out, args.model, *how, options, say)
+    seen = {"data": args.data, "camera": args.camera, "width": args.width, "options": options}
+    measured = {"parts": args.only, "runs": args.runs, "rounds": args.rounds}
+    report = run_check(args.out, args.model, **seen, **measured, progress=say)
     page = args.out / "check.html"
     print(page if page.exists() else page.with_suffix(".json"))
     if wrong := [row["name"] for row in report.get("stability", []) if row["verdict"] == "wrong"]:

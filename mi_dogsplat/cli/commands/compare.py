@@ -90,9 +90,11 @@ def run(args: argparse.Namespace) -> int:
     set_variant(config.variant)
     from ...compare.compare import compare as run_comparison
 
-    where, means = (args.data, args.out, args.seeds, methods), (args.cluster, args.workers, more_targets)
     with resumable():
-        table = run_comparison(config, *where, *means, say)
+        table = run_comparison(
+            config, args.data, args.out, args.seeds, methods, cluster=args.cluster, workers=args.workers,
+            targets=more_targets, progress=say,
+        )  # fmt: skip
     print(args.out / "comparison.html")
     for name, error in table["failed"].items():
         print(f"dogsplat: {name} has failed: {error}", file=sys.stderr)

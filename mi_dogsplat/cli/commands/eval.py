@@ -42,7 +42,9 @@ def run(args: argparse.Namespace) -> None:
     from ...measure.evaluate import mean_metrics
     from ...runs.evaluation import evaluate_model
 
-    more = args.masks, args.color_correct, args.data_on_disk
-    views = evaluate_model(args.model, args.data, args.out, *more, options, args.align_poses)
+    views = evaluate_model(
+        args.model, args.data, args.out, masks=args.masks, color_correct=args.color_correct,
+        align_poses=args.align_poses, data_on_disk=args.data_on_disk, options=options,
+    )  # fmt: skip
     for name, values in {**views, "mean": mean_metrics(views)}.items():
         print(f"{printable(name):24s}{metrics_line(values)}")
