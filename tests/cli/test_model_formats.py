@@ -1,5 +1,6 @@
 """Every command takes models of every format, and draws them as their files say."""
 
+import itertools
 import json
 import shutil
 
@@ -92,14 +93,17 @@ def test_a_training_writes_how_its_model_is_drawn_and_eval_needs_no_flag(capsys,
     assert measured == pytest.approx(json.loads((tmp_path / "run" / "metrics.json").read_text())["test"], rel=1e-4)
 
 
-def test_linear_colours_are_shown_as_srgb(capsys, data, tmp_path):
+def test_linear_colours_are_shown_as_srgb_and_arrays_hold_them(capsys, data, tmp_path):
     write_model(tmp_path / "a.ply", tiny_data.truth())
     write_model(tmp_path / "b.ply", Model(tiny_data.truth(), Drawing(linear=True)))
-    for name in "ab":
-        assert run(capsys, "render", tmp_path / f"{name}.ply", "-o", tmp_path / f"{name}.npz", "--data", data)[0] == 0
-    plain, linear = (np.load(tmp_path / f"{name}.npz")["color"] for name in "ab")
+    for name, suffix in itertools.product("ab", ("png", "npz")):
+        out = tmp_path / f"{name}.{suffix}"
+        assert run(capsys, "render", tmp_path / f"{name}.ply", "-o", out, "--data", data)[0] == 0
+    plain, radiance = (np.load(tmp_path / f"{name}.npz")["color"] for name in "ab")
+    np.testing.assert_allclose(np.clip(radiance, 0, 1), plain, atol=1e-6)
+    shown = np.asarray(Image.open(tmp_path / "b.png").convert("RGB")) / 255
     expected = np.where(plain <= 0.0031308, 12.92 * plain, 1.055 * np.maximum(plain, 1e-9) ** (1 / 2.4) - 0.055)
-    assert np.abs(linear - expected).max() < 1e-5 and np.abs(linear - plain).max() > 0.1
+    assert np.abs(shown - expected).max() < 0.51 / 255 and np.abs(shown - plain).max() > 0.1
 
 
 def test_a_view_that_nobody_names_stands_upright_as_the_file_says(tmp_path):
