@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import os
-from pathlib import Path
 
-OWN_GROUP, GROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
-OF_VERSION_1, OF_VERSION_2 = ("cpu.cfs_quota_us", "cpu.cfs_period_us"), ("cpu.max",)
+from .control_groups import groups_around
+
+FILES = {1: ("cpu.cfs_quota_us", "cpu.cfs_period_us"), 2: ("cpu.max",)}  # by the version of control groups
 
 
 def usable_cores() -> int:
@@ -20,26 +20,14 @@ def usable_cores() -> int:
 
 
 def _shares() -> list[float]:
-    """Processor time per time, of each of Linux's control groups around this process that has a limit.
-
-    Of version 2, which has all in one tree, or of version 1, where processor time has one of its own.
-    """
-    try:
-        groups = [line.split(":", 2) for line in OWN_GROUP.read_text().splitlines()]
-    except OSError:
-        return []
+    """Processor time per time, of each control group around this process that has a limit."""
     shares = []
-    for _, controllers, own in groups:
-        if controllers and "cpu" not in controllers.split(","):
+    for version, group in groups_around("cpu"):
+        try:
+            quota, period = " ".join((group / file).read_text() for file in FILES[version]).split()
+            share = int(quota) / int(period)
+        except (OSError, ValueError):  # no such group, or "max"
             continue
-        tree, files = (GROUPS / "cpu", OF_VERSION_1) if controllers else (GROUPS, OF_VERSION_2)
-        folder = tree / own.lstrip("/")
-        for group in (folder, *folder.parents):
-            try:
-                quota, period = " ".join((group / file).read_text() for file in files).split()
-                share = int(quota) / int(period)
-            except (OSError, ValueError):  # no such group, or "max"
-                continue
-            if share > 0:  # -1 is no limit
-                shares.append(share)
+        if share > 0:  # -1 is no limit
+            shares.append(share)
     return shares

@@ -6,13 +6,12 @@ import re
 import sys
 from pathlib import Path
 
+from .control_groups import groups_around
+
 UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
-STATUS, OWN_GROUPS = Path("/proc/self/status"), Path("/proc/self/cgroup")
-# (folder, limit, use) of version 2 and version 1 of Linux's control groups, which psutil does not read
-GROUPS = (
-    (Path("/sys/fs/cgroup"), "memory.max", "memory.current"),
-    (Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes", "memory.usage_in_bytes"),
-)
+STATUS = Path("/proc/self/status")
+# limit and use, by the version of control groups
+FILES = {1: ("memory.limit_in_bytes", "memory.usage_in_bytes"), 2: ("memory.max", "memory.current")}
 
 
 def bytes_of(text: str) -> int:
@@ -62,18 +61,9 @@ def peak_memory_mb() -> float:
 
 
 def _groups() -> list[int]:
-    """What is left of the limits of the control groups that this process is in."""
-    try:
-        entries = [line.split(":", 2) for line in OWN_GROUPS.read_text().splitlines()]
-    except OSError:
-        return []
-    own = {kinds: path.strip("/") for _, kinds, path in (entry for entry in entries if len(entry) == 3)}
-    left = []
-    for (root, limit, use), path in zip(GROUPS, (own.get(""), own.get("memory")), strict=True):
-        folder = root / (path or "")
-        for group in (folder, *folder.parents):  # a limit holds for all groups below; a container may show its own as /
-            if group.is_relative_to(root):
-                left.append(_left(group / limit, group / use, group / "memory.stat"))
+    """What is left of the limits of the control groups around this process."""
+    groups = ((group, *FILES[version]) for version, group in groups_around("memory"))
+    left = [_left(group / limit, group / use, group / "memory.stat") for group, limit, use in groups]
     return [n for n in left if n is not None]
 
 

@@ -3,7 +3,7 @@
 import os
 
 import pytest
-from mi_dogsplat.support import cores
+from mi_dogsplat.support import control_groups, cores
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs Linux: it gives up cores")
@@ -23,8 +23,8 @@ def test_cores_outside_of_the_affinity_do_not_count():
 ])
 def test_the_share_of_a_container_counts(tmp_path, monkeypatch, inner, outer, expected):
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: set(range(8)), raising=False)
-    monkeypatch.setattr(cores, "OWN_GROUP", tmp_path / "cgroup")
-    monkeypatch.setattr(cores, "GROUPS", tmp_path)
+    monkeypatch.setattr(control_groups, "OWN", tmp_path / "cgroup")
+    monkeypatch.setattr(control_groups, "ROOT", tmp_path)
     (tmp_path / "cgroup").write_text("2:cpu:/other\n0::/box/job\n")
     for folder, text in (("box/job", inner), ("box", outer)):
         (tmp_path / folder).mkdir(parents=True, exist_ok=True)
@@ -39,8 +39,8 @@ def test_the_share_of_a_container_counts(tmp_path, monkeypatch, inner, outer, ex
 ])
 def test_so_does_one_of_control_groups_version_1(tmp_path, monkeypatch, controllers, inner, outer, expected):
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: set(range(8)), raising=False)
-    monkeypatch.setattr(cores, "OWN_GROUP", tmp_path / "cgroup")
-    monkeypatch.setattr(cores, "GROUPS", tmp_path)
+    monkeypatch.setattr(control_groups, "OWN", tmp_path / "cgroup")
+    monkeypatch.setattr(control_groups, "ROOT", tmp_path)
     (tmp_path / "cgroup").write_text(f"5:memory:/other\n2:{controllers}:/docker/1a\n0::/\n")
     for folder, quota in (("cpu/docker/1a", inner), ("cpu/docker", outer)):
         (tmp_path / folder).mkdir(parents=True, exist_ok=True)
@@ -52,5 +52,5 @@ def test_so_does_one_of_control_groups_version_1(tmp_path, monkeypatch, controll
 
 def test_without_control_groups_the_affinity_counts(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 5}, raising=False)
-    monkeypatch.setattr(cores, "OWN_GROUP", tmp_path / "none")
+    monkeypatch.setattr(control_groups, "OWN", tmp_path / "none")
     assert cores.usable_cores() == 2

@@ -21,7 +21,7 @@ from mi_dogsplat.engine.bands import LISTED, WALKED, BandedView
 from mi_dogsplat.runs import run
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.row_groups import DOG, PLANES, SLOPES
-from mi_dogsplat.support import memory
+from mi_dogsplat.support import control_groups
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.memory import available_memory, bytes_of, peak_memory_mb
 from mi_dogsplat.training import memory_budget
@@ -154,18 +154,16 @@ def test_the_least_of_machine_container_and_shell_counts(tmp_path, monkeypatch):
 
     machine = psutil.virtual_memory()._replace(available=8_000_000 * 1024)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: machine)
-    monkeypatch.setattr(memory, "OWN_GROUPS", write("cgroup", "4:memory:/box/job\n0::/job\n"))
-    two, one = tmp_path / "v2", tmp_path / "v1"
-    names = ("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")
-    monkeypatch.setattr(memory, "GROUPS", ((two, *names[0]), (one, *names[1])))
+    monkeypatch.setattr(control_groups, "OWN", write("cgroup", "4:memory:/box/job\n0::/job\n"))
+    monkeypatch.setattr(control_groups, "ROOT", tmp_path / "v2")
     assert available_memory() == 8_000_000 * 1024
     write("v2/job/memory.max", "max\n")
     write("v2/job/memory.current", "5\n")
     assert available_memory() == 8_000_000 * 1024
-    write("v1/box/memory.limit_in_bytes", "6000000\n")  # of a group above ours
-    write("v1/box/memory.usage_in_bytes", "2000000\n")
+    write("v2/memory/box/memory.limit_in_bytes", "6000000\n")  # of a group above ours
+    write("v2/memory/box/memory.usage_in_bytes", "2000000\n")
     assert available_memory() == 4_000_000
-    write("v1/box/memory.stat", "cache 9\ntotal_inactive_file 500000\n")  # given back when asked for
+    write("v2/memory/box/memory.stat", "cache 9\ntotal_inactive_file 500000\n")  # given back when asked for
     assert available_memory() == 4_500_000
     write("v2/job/memory.max", "3000000\n")
     assert available_memory() == 2_999_995
@@ -195,14 +193,14 @@ def test_where_the_system_says_nothing_nothing_is_known(monkeypatch):
     def silent():
         raise FileNotFoundError("/proc/meminfo")
 
-    monkeypatch.setattr(memory, "OWN_GROUPS", Path("nowhere"))
+    monkeypatch.setattr(control_groups, "OWN", Path("nowhere"))
     monkeypatch.setattr(psutil, "virtual_memory", silent)
     assert available_memory() is None
 
 
 def test_without_limits_of_its_own_a_process_can_have_what_the_machine_has(monkeypatch):
     """As on systems other than Linux: no control groups, no limit of the address space to ask for."""
-    monkeypatch.setattr(memory, "OWN_GROUPS", Path("nowhere"))
+    monkeypatch.setattr(control_groups, "OWN", Path("nowhere"))
     monkeypatch.delattr(psutil, "RLIMIT_AS")
     machine = psutil.virtual_memory()._replace(available=12345)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: machine)
