@@ -101,12 +101,12 @@ MAX_T = 2.0**30  # a walk ends before; only a stack of negative lobes gets there
 
 @dataclass
 class Lanes:
-    """All lanes of an image, the lanes of a tile side by side: where each is."""
+    """All lanes of an image, the lanes of a tile side by side: where each is, and how large the image is."""
 
     tile: Any  # UInt, its tile
     x: Any  # UInt, first pixel of its block
     y: Any
-    width: Any  # UInt, of the image, which kernels read: one that held it would be another for each size
+    width: Any  # UInt, of the image: kernels read it, as those that held the number would be compiled for each size
     height: Any
 
 

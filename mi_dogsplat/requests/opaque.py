@@ -9,9 +9,11 @@ import mitsuba as mi
 
 
 def make_opaque(scene: mi.Scene) -> None:
-    """Of sensors and emitters; Mitsuba does so itself for most, and leaves out where a rectangle is, what a thin lens
-    is like, and how bright a picture of the environment is. Kernels that held them would be compiled for each frame of
-    an animation. The values are the same, so nothing made of them has to be made again."""
+    """Make the numbers of sensors and emitters opaque. Kernels that held them would be compiled for each frame.
+
+    Mitsuba does so itself for most. It leaves out where a rectangle is, aperture and focus of a thin lens, and the
+    scale of an environment map. The values stay the same, so nothing that follows from them has to be made again.
+    """
     lamps = [shape for shape in scene.shapes() if shape.is_emitter()]
     for part in (*scene.sensors(), *lamps, *scene.emitters()):
         params: Any = mi.traverse(part)
