@@ -16,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...datasets import Dataset
-from ...datasets.dataset import View, as_bytes, seen_by
+from ...datasets.dataset import View, as_bytes
 from ...datasets.images import box_downscale
 from ...datasets.masks import Masks, all_black
 from ...engine.arrays import detached
@@ -105,10 +105,10 @@ class Photographs:
     def move(self, view: int, w2c: np.ndarray) -> None:
         """Let a view have been taken from another pose, [4, 4] world to camera."""
         camera = replace(self.originals[view].camera, w2c=w2c)
-        self.originals[view] = seen_by(self.originals[view], camera)
+        self.originals[view] = replace(self.originals[view], camera=camera)
         if self.factor > 1:
             camera = replace(self.views[view].camera, w2c=w2c)
-            self.views[view] = seen_by(self.views[view], camera)
+            self.views[view] = replace(self.views[view], camera=camera)
         self.cameras[view] = DeviceCamera.upload(camera, self.near_clip)
 
     @property
