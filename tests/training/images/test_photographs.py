@@ -27,7 +27,8 @@ from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Dropped
 from mi_dogsplat.training.images.loss import PhotometricLoss
-from mi_dogsplat.training.images.photographs import READ_AHEAD, Photographs
+from mi_dogsplat.training.images.photographs import Photographs
+from mi_dogsplat.training.images.read_ahead import READ_AHEAD
 from mi_dogsplat.training.memory_budget import budget
 from mi_dogsplat.training.strategy.sieve import near_cameras
 from mi_dogsplat.training.train import Trainer
