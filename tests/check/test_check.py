@@ -34,13 +34,6 @@ def run(capsys, *argv) -> tuple[int, str, str]:
     return int(status or 0), captured.out, captured.err
 
 
-@pytest.fixture(scope="module")
-def model(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.ply"
-    write_ply(path, tiny_data.truth())
-    return path
-
-
 @pytest.fixture
 def finished_run(tmp_path) -> Path:
     folder = tmp_path / "run"
