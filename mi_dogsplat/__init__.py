@@ -22,7 +22,7 @@ from .plugin.to_dog import to_dog  # noqa: E402
 from .scene.drawing import Drawing  # noqa: E402
 from .scene.ply import read_ply, write_ply  # noqa: E402
 from .scene.splats import Splats  # noqa: E402
-from .support.variants import refuse, supported  # noqa: E402
+from .support.variants import register_unavailable, supported  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
@@ -38,7 +38,7 @@ def _register(old: str | None, new: str | None) -> None:
     if new is None or new == old:
         return
     if not supported(new):
-        refuse(new)
+        register_unavailable(new)
         return
     check_loaded_llvm()
     for name in (*PLUGINS, *DERIVED):

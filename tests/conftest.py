@@ -112,24 +112,30 @@ def fresh_recordings():
 @pytest.fixture(scope="session")
 def data(tmp_path_factory) -> Iterator[Path]:
     """The tiny data set, opaque. All tests of all processes share it, and none writes to it."""
-    yield from _shared(tmp_path_factory, "tiny", alpha=False)
+    from shared_folder import unchanged_folder
+    from tiny_data import write_tiny_data
+
+    yield from unchanged_folder(tmp_path_factory.getbasetemp(), "tiny", write_tiny_data)
 
 
 @pytest.fixture(scope="session")
 def alpha_data(tmp_path_factory) -> Iterator[Path]:
     """The same with transparent pictures."""
-    yield from _shared(tmp_path_factory, "tiny_alpha", alpha=True)
-
-
-def _shared(tmp_path_factory: pytest.TempPathFactory, name: str, alpha: bool) -> Iterator[Path]:
-    from shared_folder import contents, shared_folder
+    from shared_folder import unchanged_folder
     from tiny_data import write_tiny_data
 
     base = tmp_path_factory.getbasetemp()
-    folder = shared_folder(base.parent if WORKERS else base, name, lambda path: write_tiny_data(path, alpha=alpha))
-    before = contents(folder)
-    yield folder
-    assert contents(folder) == before, f"a test has changed the shared folder {folder}; let it have a copy"
+    yield from unchanged_folder(base, "tiny_alpha", lambda folder: write_tiny_data(folder, alpha=True))
+
+
+@pytest.fixture(scope="session")
+def model(tmp_path_factory) -> Iterator[Path]:
+    """The file of the model that its pictures show. All tests of all processes share it, and none writes beside it."""
+    from shared_folder import unchanged_folder
+    from tiny_data import write_tiny_model
+
+    for folder in unchanged_folder(tmp_path_factory.getbasetemp(), "tiny_model", write_tiny_model):
+        yield folder / "model.ply"
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -16,7 +16,7 @@ from pathlib import Path
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import numpy as np
 from mi_dogsplat.datasets import Dataset, load_dataset
-from mi_dogsplat.datasets.dataset import View, camera_extent, seen_by
+from mi_dogsplat.datasets.dataset import View, camera_extent
 from mi_dogsplat.measure.align import aligned
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture import photograph, seen_as
@@ -82,7 +82,7 @@ def _with_focal(dataset: Dataset, factor: float) -> Dataset:
 
     def changed(view: View) -> View:
         camera = view.camera
-        return seen_by(view, replace(camera, fx=factor * camera.fx, fy=factor * camera.fy))
+        return replace(view, camera=replace(camera, fx=factor * camera.fx, fy=factor * camera.fy))
 
     train, test = ([changed(view) for view in views] for views in (dataset.train, dataset.test))
     return replace(dataset, train=train, test=test)
@@ -95,7 +95,7 @@ def perturbed(dataset: Dataset, noise: float, seed: int) -> Dataset:
     def moved(view: View) -> View:
         motion = rng.normal(scale=noise / np.sqrt(3), size=(1, 6))
         w2c = moved_w2c(view.camera.w2c[None], motion, extent)[0]
-        return seen_by(view, replace(view.camera, w2c=w2c))
+        return replace(view, camera=replace(view.camera, w2c=w2c))
 
     train, test = ([moved(view) for view in views] for views in (dataset.train, dataset.test))
     return replace(dataset, train=train, test=test, observations={})

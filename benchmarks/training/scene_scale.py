@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from mi_dogsplat.datasets import Dataset, load_dataset
-from mi_dogsplat.datasets.dataset import View, seen_by
+from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.support.variants import set_variant
@@ -34,7 +34,7 @@ def in_units(dataset: Dataset, scale: float) -> Dataset:
     def larger(view: View) -> View:
         w2c = view.camera.w2c.copy()
         w2c[:3, 3] *= scale
-        return seen_by(view, replace(view.camera, w2c=w2c))
+        return replace(view, camera=replace(view.camera, w2c=w2c))
 
     return replace(
         dataset,

@@ -14,7 +14,7 @@ from ..report.plot import Series, line_plot
 from ..report.points import Note
 from ..report.ticks import number
 from ..support.wording import duration, finite, time_unit
-from .settings import GROUPS
+from .curves import GROUPS
 from .tables import Table, cell, facts, table
 
 BUSY = 0.5  # processes

@@ -26,9 +26,9 @@ from ..reference.gradients import gradients_tiled, render_tiled
 from ..scene.kinds import COUNTED
 from ..scene.splats import Splats
 from ..support.wording import counted
+from .curves import Point, Subset, points_of
 from .rows import NAMES, rows_of
 from .scenes import Scene
-from .settings import Model, Setting, settings
 
 TRUTH: dict[str, Any] = {"min_alpha": 2.0**-30, "min_transmittance": 0.0}
 WAVES, SHORTEST = 8, 8.0  # of the adjoint: plane waves per channel, and the least wavelength in pixels
@@ -50,7 +50,7 @@ def measure(scene: Scene, rounds: int, progress: Callable[[str], None] = lambda 
     """
     progress(f"{scene.name}: the truth in float64")
     truth = _Truth(scene)
-    points = settings(scene)
+    points = points_of(scene)
     jobs = {point.key: Job(scene, point) for point in points}
     progress(f"{scene.name}: errors of {counted(len(jobs), 'setting')}")
     errors = {key: truth.errors(job) for key, job in jobs.items()}
@@ -98,20 +98,20 @@ def adjoint(height: int, width: int) -> np.ndarray:
     return result
 
 
-def on_all_rows(found: Mapping[str, np.ndarray], model: Model, splats: Splats) -> dict[str, np.ndarray]:
-    """Flat gradients of a setting's model in the rows of ``splats``, the model of the scene; 0 for what is left out."""
+def on_all_rows(found: Mapping[str, np.ndarray], subset: Subset, splats: Splats) -> dict[str, np.ndarray]:
+    """Flat gradients of a subset in the rows of ``splats``, the model of the scene; 0 for what is left out."""
     whole = {name: np.zeros(getattr(splats, name).shape) for name in NAMES}
     for name, values in found.items():
-        rows = np.searchsorted(rows_of(splats, name), model.kept[rows_of(model.splats, name)])
+        rows = np.searchsorted(rows_of(splats, name), subset.kept[rows_of(subset.splats, name)])
         whole[name][rows] = values.reshape(len(rows), *whole[name].shape[1:])
     return whole
 
 
 class Job:
-    """A setting of the engine, ready to run and to be timed."""
+    """A point of a curve, ready to run and to be timed."""
 
-    def __init__(self, scene: Scene, setting: Setting):
-        self.setting, self.shape = setting, (scene.camera.height, scene.camera.width)
+    def __init__(self, scene: Scene, point: Point):
+        self.point, self.shape = point, (scene.camera.height, scene.camera.width)
         self.background, self.camera = scene.background, DeviceCamera.upload(scene.camera, scene.near_clip)
         weights = adjoint(*self.shape)
         self.δcolors = [device_array(weights[..., c]) for c in range(3)]
@@ -119,17 +119,17 @@ class Job:
 
     def forward(self) -> Frame:
         """The planes of the view; waits until they are there."""
-        frame = rasterize(self.setting.model.params, self.camera, self.setting.options)
+        frame = rasterize(self.point.subset.params, self.camera, self.point.options)
         dr.eval(frame.colors, frame.T)
         dr.sync_thread()
         return frame
 
     def gradients(self) -> dict[str, mi.Float]:
-        """Of Σ a · image by the parameters of the setting's model; waits until they are there."""
-        params = dict(self.setting.model.params)
+        """Of Σ a · image by the parameters of its primitives; waits until they are there."""
+        params = dict(self.point.subset.params)
         leaves = {name: mi.Float(params[name]) for name in NAMES if name in params}
         dr.enable_grad(leaves)
-        frame = rasterize(params | leaves, self.camera, self.setting.options)
+        frame = rasterize(params | leaves, self.camera, self.point.options)
         planes = [*frame.colors, frame.T]
         backward(planes, [*self.δcolors, self.δT])
         found = {name: dr.grad(leaf) for name, leaf in leaves.items()}
@@ -161,11 +161,11 @@ class _Truth:
         error = np.abs(image - self.image)
         mse = float(np.mean(error**2))
         found = {name: values.numpy() for name, values in job.gradients().items()}
-        whole = on_all_rows(found, job.setting.model, self.scene.splats)
+        whole = on_all_rows(found, job.point.subset, self.scene.splats)
         distances = {name: float(np.linalg.norm(whole[name] - right)) for name, right in self.gradients.items()}
         lengths = {name: float(np.linalg.norm(right)) for name, right in self.gradients.items()}
         known = {name: distances[name] / length for name, length in lengths.items() if length}
-        twin = self._twin(job.setting)
+        twin = self._twin(job.point)
         return {
             "mean_error": float(error.mean()),
             "max_error": float(error.max()),
@@ -175,14 +175,14 @@ class _Truth:
             "worst_gradient_error": max(known.values(), default=None),
         }
 
-    def _twin(self, setting: Setting) -> np.ndarray | None:
-        """[H, W, 3] with the setting's own cutoffs; None for tile lists that leave out what should be drawn."""
-        cutoffs, degree = setting.options.cutoffs, setting.options.sh_degree
+    def _twin(self, point: Point) -> np.ndarray | None:
+        """[H, W, 3] with the point's own cutoffs; None for tile lists that leave out what should be drawn."""
+        cutoffs, degree = point.options.cutoffs, point.options.sh_degree
         if cutoffs.bound > 1:
             return None
-        key = (id(setting.model), cutoffs.alpha, cutoffs.transmittance, degree)
+        key = (id(point.subset), cutoffs.alpha, cutoffs.transmittance, degree)
         if key not in self.twins:
             own = {"min_alpha": cutoffs.alpha, "min_transmittance": cutoffs.transmittance, "sh_degree": degree}
-            arguments = setting.model.splats, self.scene.camera, (self.scene.background,) * 3
+            arguments = point.subset.splats, self.scene.camera, (self.scene.background,) * 3
             self.twins[key] = render_tiled(*arguments, **self.options, **own).image
         return self.twins[key]

@@ -20,10 +20,9 @@ def load_dataset(
 
     ``path`` is a folder with a COLMAP model (preferred where both exist), a folder with ``transforms.json``
     or ``transforms_train.json``, such a file itself, or a Mitsuba scene XML, whose sensors are rendered at
-    ``spp`` samples. ``on_disk``: images are decoded whenever they are asked for (``DiskView``). ``split``:
-    "test", or "validation", which leaves the test views unread (``held_out``). OpenEXR images are linear radiance, and
-    get the ``white`` of ``auto_exposed``. Raises ``DataError`` for anything that cannot be used; see ``check_cameras``
-    for the last test.
+    ``spp`` samples. ``on_disk``: images are decoded whenever they are asked for. ``split``: "test", or "validation",
+    which leaves the test views unread (``held_out``). OpenEXR images are linear radiance, and get the ``white`` of
+    ``auto_exposed``. Raises ``DataError`` for anything that cannot be used; see ``check_cameras`` for the last test.
     """
     from .colmap import MODEL_FOLDERS, find_model, load_colmap  # here: photographs need the extra "train"
     from .mitsuba_scene import load_mitsuba_scene

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -31,62 +30,46 @@ T = TypeVar("T")
 class View:
     """One image and its camera.
 
-    ``image`` is float32 [H, W, 3], or [H, W, 4] premultiplied: display-referred sRGB values in 0..1, or linear radiance
-    where there is a ``white``: the radiance that a screen shows as white, which exposes the image. ``name`` is unique
-    within its data set and usable as a file name. ``straight``: how the lens of the photograph was taken out of it;
-    None where it had none.
+    ``name`` is unique within its data set and usable as a file name. ``stored``: the ``image`` itself, or its
+    ``pixels``, or a function that reads it from disk. ``straight``: how the lens of the photograph was taken out of it;
+    None where it had none. ``white``: None where the image is display-referred; of linear radiance the one that a
+    screen shows as white, which exposes the image.
     """
 
     name: str
     camera: Camera
-    image: np.ndarray
+    stored: np.ndarray | Callable[[], np.ndarray]
     straight: Undistortion | None = None
     white: float | None = None
 
     @property
-    def n_bytes(self) -> int:
-        """What the image takes of memory."""
-        return self.image.nbytes
+    def image(self) -> np.ndarray:
+        """float32 [H, W, 3], or [H, W, 4] premultiplied: sRGB values in 0..1, or linear radiance.
+
+        It is made, or read, whenever it is asked for unless it is stored itself. Raises ``DataError`` where it cannot
+        be read.
+        """
+        if isinstance(self.stored, np.ndarray):
+            return self.stored if self.pixels is None else from_bytes(self.pixels)
+        return self.stored()
 
     @property
     def pixels(self) -> np.ndarray | None:
-        """[H, W, 3] uint8 that ``from_bytes`` makes the image of, where it is held as such; else None."""
-        return None
-
-
-class ByteView(View):
-    """A view whose image is held as the bytes that it was made of, a quarter of the memory."""
-
-    def __init__(self, view: View, pixels: np.ndarray):
-        """``pixels``: what ``as_bytes`` made of the image of ``view``."""
-        for field_name in ("name", "camera", "straight", "white"):
-            object.__setattr__(self, field_name, getattr(view, field_name))
-        object.__setattr__(self, "_pixels", pixels)
-
-    @property
-    def pixels(self) -> np.ndarray:
-        return object.__getattribute__(self, "_pixels")
+        """[H, W, 3] uint8 that ``from_bytes`` makes the image of, where these are stored: a quarter of the memory."""
+        return self.stored if isinstance(self.stored, np.ndarray) and self.stored.dtype == np.uint8 else None
 
     @property
     def n_bytes(self) -> int:
-        return self.pixels.nbytes
-
-    def __getattr__(self, name: str) -> np.ndarray:
-        if name != "image":  # asked for only where there is no such attribute
-            raise AttributeError(name)
-        return from_bytes(self.pixels)
-
-
-def seen_by(view: View, camera: Camera) -> View:
-    """The same picture, taken by another camera; it is held, or read, as before."""
-    return _changed(view, "camera", camera)
+        """What the image takes of memory."""
+        return self.stored.nbytes if isinstance(self.stored, np.ndarray) else 0
 
 
 def held(view: View) -> View:
     """The view, as bytes if its image has no more to it: of a file with 8 bits, opaque and neither straightened nor
     shrunk."""
-    pixels = as_bytes(view.image) if view.image.shape[2] == 3 else None
-    return view if pixels is None else ByteView(view, pixels)
+    image = view.image
+    pixels = as_bytes(image) if image.shape[2] == 3 else None
+    return view if pixels is None else replace(view, stored=pixels)
 
 
 def as_bytes(image: np.ndarray) -> np.ndarray | None:
@@ -100,31 +83,6 @@ def from_bytes(pixels: np.ndarray) -> np.ndarray:
     image = pixels.astype(np.float32)
     image /= 255  # in place: to ask for memory takes longer than to divide
     return image
-
-
-class DiskView(View):
-    """A view whose image stays on disk: ``image`` is decoded whenever it is asked for, and may raise ``DataError``."""
-
-    def __init__(
-        self,
-        name: str,
-        camera: Camera,
-        read: Callable[[], np.ndarray],
-        straight: Undistortion | None = None,
-        white: float | None = None,
-    ):
-        fields = {"name": name, "camera": camera, "_read": read, "straight": straight, "white": white}
-        for field_name, value in fields.items():
-            object.__setattr__(self, field_name, value)
-
-    @property
-    def n_bytes(self) -> int:
-        return 0
-
-    def __getattr__(self, name: str) -> np.ndarray:
-        if name != "image":  # asked for only where there is no such attribute
-            raise AttributeError(name)
-        return object.__getattribute__(self, "_read")()
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,20 +123,8 @@ class Dataset:
 
     def exposed(self, white: float) -> Dataset:
         """The same images of linear radiance, shown with another ``white``."""
-        train, test = ([shown_with(view, white) for view in views] for views in (self.train, self.test))
+        train, test = ([replace(view, white=white) for view in views] for views in (self.train, self.test))
         return replace(self, train=train, test=test)
-
-
-def shown_with(view: View, white: float) -> View:
-    """The same linear radiance, of which this one is ``white``; it is held, or read, as before."""
-    return _changed(view, "white", white)
-
-
-def _changed(view: View, name: str, value: Any) -> View:
-    """A copy of a view with one attribute changed; ``dataclasses.replace`` would read the image."""
-    other = copy.copy(view)
-    object.__setattr__(other, name, value)  # it is frozen
-    return other
 
 
 def no_points() -> tuple[np.ndarray, np.ndarray]:

@@ -23,12 +23,12 @@ from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.memory import available_memory
 from ..support.wording import counted, file_size
-from .dataset import ByteView, DiskView, View, held
+from .dataset import View, held
 from .exr import is_exr
 from .images import box_downscale, header, is_file, is_opaque, is_turned, read_image
 from .lens import Lens, Undistortion, undistortion
 
-JPEG = (".jpg", ".jpeg")  # neither alpha nor more than 8 bits: pixels that stay as they are take 3 bytes (``ByteView``)
+JPEG = (".jpg", ".jpeg")  # neither alpha nor more than 8 bits: pixels that stay as they are take 3 bytes (``held``)
 BYTES_KEPT, BYTES_READ = 12, 24  # per pixel: of a float32 image, and while one is decoded
 
 
@@ -58,7 +58,7 @@ def load_views(
 ) -> tuple[list[View], bool]:
     """Read all images: (views, has_alpha). Order is kept.
 
-    ``on_disk``: only their headers are read now (``DiskView``), and pixels until one is found that is not opaque.
+    ``on_disk``: only their headers are read now, and pixels until one is found that is not opaque.
 
     ``prescaled``: the files already are ``downscale`` times smaller than their cameras (an ``images_4``
     folder); their rounded sizes are accepted and the intrinsics scaled by the exact ratio of each axis. An
@@ -82,7 +82,7 @@ def _on_disk(
             return _with_channels(_load_view(source, downscale, prescaled).image, has_alpha)
 
         camera, straight = _camera_of(source, downscale, prescaled, size)
-        return DiskView(source.name, camera, read, straight, white)
+        return View(source.name, camera, read, straight, white)
 
     return [view_of(source, size) for source, (size, _) in zip(sources, headers, strict=True)], has_alpha
 
@@ -104,7 +104,7 @@ def _in_memory(
     has_alpha = any(_transparent(view) for view in views)
 
     def with_channels(view: View) -> View:
-        if isinstance(view, ByteView) and not has_alpha:
+        if view.pixels is not None and not has_alpha:
             return view
         whole = View(view.name, view.camera, _with_channels(view.image, has_alpha), view.straight, white)
         return whole if white else held(whole)
@@ -122,7 +122,7 @@ def _white(sources: Sequence[ViewSource]) -> float | None:
 
 
 def _transparent(view: View) -> bool:
-    return not isinstance(view, ByteView) and view.image.shape[2] == 4 and view.image[..., 3].min() < 1
+    return view.pixels is None and view.image.shape[2] == 4 and view.image[..., 3].min() < 1
 
 
 def _require_memory(sources: Sequence[ViewSource], downscale: int, as_in_file: bool, workers: int) -> None:

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from ..datasets.dataset import View, seen_by
+from ..datasets.dataset import View
 from ..render.picture import Picture, photograph, seen_as
 from ..scene.camera_motions import moved_w2c
 from .metrics import masked, psnr
@@ -49,7 +49,7 @@ def aligned(
 
     def moved(motion: np.ndarray) -> View:
         w2c = moved_w2c(view.camera.w2c[None], motion[None], extent)[0]
-        return seen_by(view, replace(view.camera, w2c=w2c))
+        return replace(view, camera=replace(view.camera, w2c=w2c))
 
     def seen(other: View) -> np.ndarray:
         return seen_as(picture(other), other)

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from ..support.errors import DataError
+from ..support.files import read_json, write_json
 from ..support.wording import counted, duration
+from .advice import Advice, Outcome
+from .photographs import Photograph
+from .world import Placed
 
+SUMMARY = "summary.json"
 MOST_NAMES = 5
 
 
@@ -30,6 +39,18 @@ class Summary:
     up_from: str = "as the cameras were held"
     scale: float | None = None
 
+    @staticmethod
+    def read(folder: Path) -> Summary:
+        """That of a data set. Raises ``DataError``."""
+        remedy = "remove the folder, and begin anew"
+        try:
+            return Summary(**read_json(folder / SUMMARY, remedy))
+        except TypeError as error:
+            raise DataError(folder / SUMMARY, f"is no summary ({error})", remedy) from error
+
+    def write(self, folder: Path) -> None:
+        write_json(folder / SUMMARY, dataclasses.asdict(self))
+
     def lines(self) -> list[str]:
         """Sentences for people."""
         lines = [
@@ -48,6 +69,45 @@ class Summary:
         lines += [f"warning: {sentence}" for sentence in self.advice]
         stages = ", ".join(f"{name} {duration(seconds)}" for name, seconds in self.seconds.items())
         return [*lines, f"time: {stages}"]
+
+
+def summary_of(
+    model: Any, photographs: Sequence[Photograph], n_masks: int, placed: Placed, advice: Sequence[Advice],
+    seconds: dict[str, float],
+) -> Summary:  # fmt: skip
+    """Of the model of pycolmap's that is the data set."""
+    registered = _registered(model)
+    return Summary(
+        n_images=len(photographs),
+        n_registered=len(registered),
+        n_points=model.num_points3D(),
+        error=float(model.compute_mean_reprojection_error()),
+        observations=float(model.compute_mean_observations_per_reg_image()),
+        cameras=[camera_line(camera) for _, camera in sorted(model.cameras.items())],
+        n_masks=n_masks,
+        up_from=placed.up_from,
+        scale=placed.world.scale,
+        without_pose=[p.name for p in photographs if p.name not in registered],
+        advice=[str(a) for a in advice],
+        seconds=seconds,
+    )
+
+
+def outcome_of(models: Sequence[Any], photographs: Sequence[Photograph], feature_size: int) -> Outcome:
+    """What advice is given on: of all ``models`` of pycolmap's, the first is kept. ``feature_size``: longest side of
+    the images in which features were sought, where they are larger."""
+    kept, *others = map(_registered, models)
+    apart = tuple(n for n in (len(other - kept) for other in others) if n)
+    shrunk = min(1.0, feature_size / max(max(p.width, p.height) for p in photographs))
+    cameras = [camera for _, camera in sorted(models[0].cameras.items())]
+    guessed = tuple(field_of_view(camera) for camera in cameras if not camera.has_prior_focal_length)
+    error = float(models[0].compute_mean_reprojection_error())
+    return Outcome(len(photographs), len(kept), apart, error * shrunk, guessed)
+
+
+def _registered(model: Any) -> set[str]:
+    """Names of the images that have a pose in a model."""
+    return {image.name for image in model.images.values() if image.has_pose}
 
 
 def camera_line(camera: Any) -> str:

@@ -27,7 +27,7 @@ def require_supported(name: str) -> None:
         raise _unavailable(name, variant)
 
 
-def refuse(variant: str) -> None:
+def register_unavailable(variant: str) -> None:
     """Register plugins that raise ``RuntimeError`` in a variant that is not supported; it must be the active one."""
     for name, register in (
         ("dog", mi.register_shape),

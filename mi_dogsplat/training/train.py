@@ -34,7 +34,7 @@ from ..scores.score import Score, ScoreRule
 from .accuracy import errors_of_test_views, training_l1
 from .config import TrainConfig
 from .events import Event
-from .images.photographs import READ_AHEAD, Photographs
+from .images.photographs import Photographs
 from .initialize import initial_splats
 from .loss_means import LossMeans
 from .optimizer.learning_rates import LearningRates
@@ -155,7 +155,7 @@ class Trainer:
         for strategy, state in parts:
             camera = strategy.camera(self, state, view, camera)
         planes, frame = self._render(params, camera, probe)
-        upcoming = self.order[: -1 - READ_AHEAD : -1]  # from the end, as views are taken
+        upcoming = self.order[::-1]  # views are taken from the end
         l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, upcoming)
         backward(planes, [mi.Float(δ) for δ in gradient])
         by_center = (dr.grad(probe[0]), dr.grad(probe[1])) if probe else None

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..datasets.dataset import View, shown_with
+from ..datasets.dataset import View
 from ..engine.options import RasterOptions
 from ..engine.parameters import upload
 from ..render.picture import photograph as shown
@@ -108,7 +108,7 @@ class Renderer:
     def _photograph(self, view: View, settings: Settings) -> Array:
         """[H, W, 3] in 0..1, in the exposure of the model: linear images have one of their own."""
         if view.white is not None:  # a display value of 1 is a radiance of 1
-            view = shown_with(view, self.drawn.white if self.drawn.linear else 1.0)
+            view = replace(view, white=self.drawn.white if self.drawn.linear else 1.0)
         return shown(view, settings.background)
 
     def _render(self, part: str, camera: Camera, settings: Settings) -> Array:

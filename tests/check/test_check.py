@@ -10,10 +10,9 @@ import tiny_data
 from check_report import REPORT, figures
 from html_pages import parsed
 from mi_dogsplat import write_ply
-from mi_dogsplat.check import scenes, stability
-from mi_dogsplat.check import settings as settings_module
+from mi_dogsplat.check import curves, scenes, stability
+from mi_dogsplat.check.curves import GROUPS
 from mi_dogsplat.check.run import check
-from mi_dogsplat.check.settings import GROUPS
 from mi_dogsplat.check.training import read_training
 from mi_dogsplat.cli import main
 from mi_dogsplat.render.picture_options import PictureOptions
@@ -35,13 +34,6 @@ def run(capsys, *argv) -> tuple[int, str, str]:
     return int(status or 0), captured.out, captured.err
 
 
-@pytest.fixture(scope="module")
-def model(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.ply"
-    write_ply(path, tiny_data.truth())
-    return path
-
-
 @pytest.fixture
 def finished_run(tmp_path) -> Path:
     folder = tmp_path / "run"
@@ -58,21 +50,21 @@ def finished_run(tmp_path) -> Path:
 @pytest.fixture
 def few_points(monkeypatch):
     """Every setting is a kernel to compile."""
-    monkeypatch.setattr(settings_module, "ALPHA", {"1/64": 1 / 64, "1/255": 1 / 255})
-    monkeypatch.setattr(settings_module, "KEPT", {"100 %": 1.0, "50 %": 0.5})
+    monkeypatch.setattr(curves, "ALPHA", {"1/64": 1 / 64, "1/255": 1 / 255})
+    monkeypatch.setattr(curves, "KEPT", {"100 %": 1.0, "50 %": 0.5})
     for name in ("TRANSMITTANCE", "BOUND", "PATCH"):
-        monkeypatch.setattr(settings_module, name, {})
+        monkeypatch.setattr(curves, name, {})
 
 
 # --- training ---
 
 
 def test_the_curves_of_a_run_end_with_what_it_measured_in_the_end(finished_run):
-    (curves,) = read_training([finished_run])
-    assert curves["label"] == "fox · preset ours" and curves["seconds"] == 10.5 and curves["n"] == 110
-    assert curves["psnr"] == [[5.0, 22.0], [10.5, 25.0]] and curves["flip"] == [[5.0, 0.2], [10.5, 0.1]]
-    assert curves["l1"][0] == [1.0, 0.1] and len(curves["l1"]) == 10
-    assert curves["final"]["ssim"] == 0.9
+    (of_run,) = read_training([finished_run])
+    assert of_run["label"] == "fox · preset ours" and of_run["seconds"] == 10.5 and of_run["n"] == 110
+    assert of_run["psnr"] == [[5.0, 22.0], [10.5, 25.0]] and of_run["flip"] == [[5.0, 0.2], [10.5, 0.1]]
+    assert of_run["l1"][0] == [1.0, 0.1] and len(of_run["l1"]) == 10
+    assert of_run["final"]["ssim"] == 0.9
 
 
 def test_the_primitives_of_a_run_are_those_of_its_model(finished_run):

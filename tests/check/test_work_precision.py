@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from mi_dogsplat.check import settings as settings_module
+from mi_dogsplat.check import curves
+from mi_dogsplat.check.curves import GROUPS, Point, Subset, points_of
 from mi_dogsplat.check.rows import rows_of
 from mi_dogsplat.check.scenes import Scene, model_scene, synthetic_scenes
-from mi_dogsplat.check.settings import GROUPS, Model, Setting, settings
 from mi_dogsplat.check.work_precision import Job, adjoint, measure, on_all_rows, pareto_front
 from mi_dogsplat.engine.geometry import SMOOTH, Cutoffs
 from mi_dogsplat.engine.rasterize import RasterOptions
@@ -32,7 +32,7 @@ def faint_splats():
 @pytest.fixture
 def few_points(monkeypatch):
     for name, points in KNOBS.items():
-        monkeypatch.setattr(settings_module, name, points)
+        monkeypatch.setattr(curves, name, points)
 
 
 @pytest.fixture
@@ -41,8 +41,8 @@ def faint() -> Scene:
 
 
 def image(scene: Scene, **options) -> np.ndarray:
-    model = Model.of(scene.splats, np.arange(scene.splats.n_splats))
-    return Job(scene, Setting("", "", RasterOptions(sh_degree=scene.splats.sh_degree, **options), model)).image()
+    subset = Subset.of(scene.splats, np.arange(scene.splats.n_splats))
+    return Job(scene, Point("", "", RasterOptions(sh_degree=scene.splats.sh_degree, **options), subset)).image()
 
 
 def test_the_front_is_what_brute_force_finds():
@@ -74,7 +74,7 @@ def test_the_adjoint_is_smooth_and_always_the_same():
 
 
 def test_the_default_is_a_point_on_every_curve_and_every_knob_is_turned_alone(few_points, faint):
-    points = settings(faint)
+    points = points_of(faint)
     default, none = points[:2]
     assert (default.label, none.label, none.options.cutoffs) == ("default", "no cutoffs", SMOOTH)
     assert {p.group for p in points[2:]} == set(GROUPS[:-5])
@@ -83,19 +83,19 @@ def test_the_default_is_a_point_on_every_curve_and_every_knob_is_turned_alone(fe
         assert sum(p.key == default.key for p in curve) == 1, group
         assert len({p.key for p in curve}) == len(curve) > 1, group
     assert default.options.cutoffs == Cutoffs()
-    assert all(p.model is default.model or p.options == default.options for p in points)
+    assert all(p.subset is default.subset or p.options == default.options for p in points)
 
 
 def test_the_primitives_kept_are_those_that_the_picture_would_miss_most(few_points):
     view = make_camera(40, 32, 36.0)
     splats = make_splats([(0, 0, 2 + i) for i in range(20)], scales=0.3, opacities=0.7)  # one behind the other
-    kept = [p.model.kept for p in settings(Scene("", "", rounded(splats), view)) if p.group == "primitives kept"]
+    kept = [p.subset.kept for p in points_of(Scene("", "", rounded(splats), view)) if p.group == "primitives kept"]
     assert [list(rows) for rows in kept] == [[0], list(range(10)), list(range(20))]
 
 
 def test_knobs_that_a_model_does_not_have_make_no_curve(few_points):
     plain = make_splats(np.random.default_rng(0).uniform(-0.5, 0.5, (30, 3)) + (0, 0, 3))
-    groups = {p.group for p in settings(Scene("", "", rounded(plain), make_camera()))}
+    groups = {p.group for p in points_of(Scene("", "", rounded(plain), make_camera()))}
     assert groups == {"", *GROUPS} - {
         *("SH degree", "DoG", "slopes", "curvatures", "cuts", "second cuts", "shifts")
     }  # fmt: skip
@@ -134,8 +134,8 @@ def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
 )
 def test_a_model_with_slopes_or_cuts_has_a_curve_with_and_without_them(share, kind, name, said, monkeypatch):
     for knob in KNOBS:
-        monkeypatch.setattr(settings_module, knob, {})
-    monkeypatch.setattr(settings_module, "KEPT", {"100 %": 1.0, "50 %": 0.5})
+        monkeypatch.setattr(curves, knob, {})
+    monkeypatch.setattr(curves, "KEPT", {"100 %": 1.0, "50 %": 0.5})
     splats, number = rounded(random_splats(60, 3, 0, 0, **{share: 0.5})), f"n_{kind.replace(' ', '_')}"
     count = getattr(splats, number)
     scene = model_scene("sloped", splats, make_camera(40, 32, 36.0), 40)
@@ -188,9 +188,9 @@ def test_the_image_is_over_the_background_of_the_scene(faint):
 def test_primitives_that_are_left_out_have_the_gradient_zero():
     rng, splats = np.random.default_rng(1), rounded(random_splats(60, 3, 1, *[0.5] * 6))
     kept = np.sort(rng.permutation(60)[:25])
-    model = Model.of(splats.select(kept), kept)
-    gradients = {name: rng.normal(size=getattr(model.splats, name).shape) for name in raw_names(splats)}
-    whole = on_all_rows({name: values.ravel() for name, values in gradients.items()}, model, splats)
+    subset = Subset.of(splats.select(kept), kept)
+    gradients = {name: rng.normal(size=getattr(subset.splats, name).shape) for name in raw_names(splats)}
+    whole = on_all_rows({name: values.ravel() for name, values in gradients.items()}, subset, splats)
     assert set(whole) == {*RAW_PARAMETERS, *(name for group in BESIDE_DOG for name in group.names)}
     for name, values in whole.items():
         left = np.isin(rows_of(splats, name), kept)

@@ -9,8 +9,8 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import Drawing, Model, read_model, to_ellipsoids, write_model
+from mi_dogsplat.check import curves
 from mi_dogsplat.check import run as check
-from mi_dogsplat.check import settings
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.render.framing import robust_sphere
 from mi_dogsplat.render.viewpoint import viewpoint
@@ -55,7 +55,7 @@ def test_render_info_eval_export_and_view_take_it(capsys, models, data, tmp_path
 
 def test_check_and_prune_take_another_format(capsys, models, data, tmp_path, monkeypatch):
     for knob in ("ALPHA", "TRANSMITTANCE", "BOUND", "PATCH", "KEPT"):  # each setting is kernels
-        monkeypatch.setattr(settings, knob, dict([*getattr(settings, knob).items()][:1]))
+        monkeypatch.setattr(curves, knob, dict([*getattr(curves, knob).items()][:1]))
     monkeypatch.setattr(check, "synthetic_scenes", lambda width: [])  # the model alone
     flags = ["--only", "work-precision", "--width", "16", "--rounds", "1"]
     status, *_ = run(capsys, "check", models[".spz"], "-o", tmp_path / "check", *flags)

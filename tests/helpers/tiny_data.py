@@ -11,6 +11,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import Picture, premultiplied, render_picture
 from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL, Camera
+from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.pictures import write_png
@@ -61,6 +62,12 @@ def write_tiny_data(
         content["ply_file_path"] = "points.ply"
     (folder / "transforms.json").write_text(json.dumps(content))
     return folder
+
+
+def write_tiny_model(folder: Path) -> None:
+    """Write ``model.ply``, the truth, into a new folder."""
+    folder.mkdir(parents=True)
+    write_ply(folder / "model.ply", truth())
 
 
 def sloped_truth() -> Splats:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import tiny_data
-from mi_dogsplat.datasets.dataset import View, seen_by
+from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.measure.align import aligned
 from mi_dogsplat.measure.evaluate import Measure, evaluate_views
 from mi_dogsplat.measure.metrics import psnr
@@ -23,7 +23,7 @@ def picture(view: View):
 def displaced(noise: float) -> View:
     motion = np.random.default_rng(0).normal(scale=noise, size=(1, 6))
     view = View("1", EXACT, PHOTOGRAPH)
-    return seen_by(view, replace(EXACT, w2c=moved_w2c(EXACT.w2c[None], motion, EXTENT)[0]))
+    return replace(view, camera=replace(EXACT, w2c=moved_w2c(EXACT.w2c[None], motion, EXTENT)[0]))
 
 
 def distance(view: View) -> float:
@@ -40,7 +40,7 @@ def test_a_displaced_view_is_found_again():
 def test_what_is_masked_has_no_say():
     view, mask = displaced(0.01), np.ones(PHOTOGRAPH.shape[:2])
     mask[:, 30:] = 0
-    spoilt = seen_by(View("1", EXACT, np.where(mask[..., None] > 0, PHOTOGRAPH, 0.9).astype(np.float32)), view.camera)
+    spoilt = View("1", view.camera, np.where(mask[..., None] > 0, PHOTOGRAPH, 0.9).astype(np.float32))
     found = aligned(picture, spoilt, 0.0, EXTENT, mask)
     assert distance(found) < 0.05 * distance(view)
 

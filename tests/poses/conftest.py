@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from posed_room import write_room
-from shared_folder import contents, shared_folder
+from shared_folder import unchanged_folder
 
 
 @pytest.fixture(autouse=True)
@@ -19,11 +19,7 @@ def _extra():
 @pytest.fixture(scope="session")
 def room(tmp_path_factory) -> Iterator[Path]:
     """The folder of ``write_room``; no test writes to it."""
-    base = tmp_path_factory.getbasetemp()
-    folder = shared_folder(base.parent if base.name.startswith("popen") else base, "room", write_room)
-    before = contents(folder)
-    yield folder
-    assert contents(folder) == before, "a test has changed the room; let it have a copy"
+    yield from unchanged_folder(tmp_path_factory.getbasetemp(), "room", write_room)
 
 
 @pytest.fixture(scope="session")

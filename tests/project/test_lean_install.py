@@ -11,7 +11,6 @@ import numpy as np
 import OpenEXR
 import pytest
 import tiny_data
-from mi_dogsplat import write_ply
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
@@ -51,18 +50,11 @@ def core(code: str, *argv, hidden: list[str] = HIDDEN) -> subprocess.CompletedPr
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.ply"
-    write_ply(path, tiny_data.truth())
-    return path
-
-
-@pytest.fixture(scope="module")
-def scene(model) -> Path:
-    path = model.with_name("scene.xml")
+def scene(model, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "scene.xml"
     path.write_text(
         '<scene version="3.0.0"><integrator type="dogsplat"/><shape type="dog"><string name="filename" '
-        'value="model.ply"/></shape><sensor type="perspective"><transform name="to_world"><lookat origin="3, 0, 1" '
+        f'value="{model}"/></shape><sensor type="perspective"><transform name="to_world"><lookat origin="3, 0, 1" '
         'target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="width" value="16"/>'
         '<integer name="height" value="12"/><string name="pixel_format" value="rgb"/></film></sensor></scene>'
     )

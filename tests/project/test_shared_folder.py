@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from shared_folder import contents, shared_folder
+import pytest
+from shared_folder import contents, shared_folder, unchanged_folder
 
 
 def test_a_shared_folder_is_filled_once_and_a_change_of_it_is_seen(tmp_path):
@@ -22,3 +23,15 @@ def test_a_shared_folder_is_filled_once_and_a_change_of_it_is_seen(tmp_path):
     (folder / "images" / "0.png").write_bytes(b"picture")
     (folder / "more").touch()
     assert contents(folder) != before
+
+
+def test_a_fixture_of_a_shared_folder_fails_where_a_test_has_changed_it(tmp_path):
+    (tmp_path / "popen-gw0").mkdir()
+    fixture = unchanged_folder(tmp_path / "popen-gw0", "tiny", Path.mkdir)
+    folder = next(fixture)
+    assert folder == tmp_path / "tiny"  # beside those of single processes
+    assert list(fixture) == []
+    fixture = unchanged_folder(tmp_path, "tiny", Path.mkdir)
+    (next(fixture) / "more").touch()
+    with pytest.raises(AssertionError, match="a test has changed the shared folder"):
+        next(fixture)

@@ -26,13 +26,6 @@ SENSOR = """<sensor type="perspective"><float name="fov" value="40"/>
 SPHERE = '<integrator type="path"/><shape type="sphere"/><emitter type="constant"/>'
 
 
-@pytest.fixture(scope="module")
-def model(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.ply"
-    write_ply(path, tiny_data.truth())
-    return path
-
-
 def scene_file(tmp_path, content) -> Path:
     path = tmp_path / "scene.xml"
     path.write_text(f'<scene version="3.0.0">{content}</scene>')

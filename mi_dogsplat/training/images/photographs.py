@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...datasets import Dataset
-from ...datasets.dataset import View, as_bytes, seen_by
+from ...datasets.dataset import View, as_bytes
 from ...datasets.images import box_downscale
 from ...datasets.masks import Masks, all_black
 from ...engine.arrays import detached
@@ -27,9 +26,8 @@ from ...render.picture import over_background
 from ...support.errors import DataError
 from .appearance import LearnedAppearance
 from .loss import PhotometricLoss, Target
+from .read_ahead import ReadAhead
 from .tone_curve import SrgbLog, ToneCurve
-
-READ_AHEAD = 4  # images that are decoded before they are due
 
 
 class Photographs:
@@ -76,7 +74,7 @@ class Photographs:
         cameras = [view.camera for view in dataset.train]
         steps = appearance_steps
         self.appearance = None if steps is None else LearnedAppearance(cameras, steps, batch_views)
-        self._readers, self.keep_targets = ThreadPoolExecutor(1) if on_disk else None, keep_targets
+        self.on_disk, self.keep_targets = on_disk, keep_targets
         self._show(self.originals, 1)
 
     def shrink(self, factor: int) -> None:
@@ -92,12 +90,12 @@ class Photographs:
     def _show(self, views: list[View], factor: int) -> None:
         self.views, self.factor = views, factor
         self.cameras = [DeviceCamera.upload(view.camera, self.near_clip) for view in views]
-        self._reading: dict[int, Future] = {}
+        self._ahead = ReadAhead(lambda k: self._decoded(views[k])) if self.on_disk else None
         self._kept, counts = [], False
-        for image, mask in (self._decoded(view) for view in views if not self._readers):
+        for image, mask in (self._decoded(view) for view in views if not self.on_disk):
             self._kept.append(self._on_device(image, mask))
             counts |= mask is None or bool(mask.any())
-        if self._readers:  # reads masks up to the first that counts, mostly one
+        if self.on_disk:  # reads masks up to the first that counts, mostly one
             counts = any(mask is None or mask.any() for mask in map(self.mask, range(len(views))))
         if not counts and self.mask_folder:
             raise all_black(self.mask_folder.folder, "view that is trained on")
@@ -105,10 +103,10 @@ class Photographs:
     def move(self, view: int, w2c: np.ndarray) -> None:
         """Let a view have been taken from another pose, [4, 4] world to camera."""
         camera = replace(self.originals[view].camera, w2c=w2c)
-        self.originals[view] = seen_by(self.originals[view], camera)
+        self.originals[view] = replace(self.originals[view], camera=camera)
         if self.factor > 1:
             camera = replace(self.views[view].camera, w2c=w2c)
-            self.views[view] = seen_by(self.views[view], camera)
+            self.views[view] = replace(self.views[view], camera=camera)
         self.cameras[view] = DeviceCamera.upload(camera, self.near_clip)
 
     @property
@@ -168,31 +166,18 @@ class Photographs:
 
     def _target(self, view: int, upcoming: Sequence[int]) -> tuple[Target, Any]:
         """What a view is compared with, and its mask: a plane, or None where it counts whole."""
-        kept = self._on_device(*self._read(view, upcoming)) if self._readers else self._kept[view]
+        kept = self._on_device(*self._ahead.take(view, upcoming)) if self._ahead else self._kept[view]
         prepared, mask = kept[0], None if kept[1] is None else mi.Float(kept[1])
         return prepared if isinstance(prepared, Target) else self._target_of(prepared, mask, view), mask
 
     def _target_of(self, prepared: list | Any, mask: Any, view: int) -> Target:
-        camera = self.views[view].camera
         if not isinstance(prepared, list):
             y = _levels(prepared) if isinstance(prepared, device_bytes()) else prepared
-            return self.loss.target_of_planes([y], camera.width, camera.height)
+            return self.loss.target_of_planes([y], *self._size(view))
         *colors, alpha = prepared
         behind = self.color or [dr.opaque(mi.Float, self.background)] * 3
         planes = [dr.fma(1 - alpha, level, c) for level, c in zip(behind, colors, strict=True)]
-        planes = [self.curve(plane) for plane in planes] if self.curve else planes
-        planes = planes if mask is None else [plane * mask for plane in planes]
-        return self.loss.target_of_planes(planes, camera.width, camera.height)
-
-    def _read(self, view: int, upcoming: Sequence[int]) -> tuple[np.ndarray, np.ndarray | None]:
-        """Image and mask of a view, which may have been read ahead, as the next ones are from now on."""
-        assert self._readers is not None
-        future = self._reading.pop(view, None)
-        found = future.result() if future else self._decoded(self.views[view])
-        for k in upcoming[:READ_AHEAD]:
-            if k not in self._reading:
-                self._reading[k] = self._readers.submit(lambda k=k: self._decoded(self.views[k]))
-        return found
+        return self.loss.target_of_planes(self._seen(planes, mask), *self._size(view))
 
     def _decoded(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
         """Image and mask; the image in bytes where it is held so and the loss sees it as it is."""
@@ -234,7 +219,7 @@ class Photographs:
         if pixels is None:
             truth = self.as_seen(image)
             truth = truth if mask is None else truth * mask[..., None]
-            if self.keep_targets or self._readers:
+            if self.keep_targets or self.on_disk:
                 return self.loss.target(truth)
             if (pixels := as_bytes(truth)) is None:
                 return device_array(truth.transpose(planes))

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -13,7 +12,7 @@ from launches import launches
 from mi_dogsplat import write_ply
 from mi_dogsplat.datasets import Dataset, camera_extent, load_dataset
 from mi_dogsplat.datasets.camera_paths import look_at
-from mi_dogsplat.datasets.dataset import View, seen_by
+from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
@@ -90,7 +89,7 @@ def test_poses_that_were_perturbed_are_found_again(room, at_once, strategies):
     w2c, extent = np.array([view.camera.w2c for view in given.train]), camera_extent(given.train)
     noise = np.random.default_rng(0).normal(scale=0.01, size=(len(w2c), 6))
     moved = moved_w2c(w2c, without_common(noise, common_motions(w2c, extent)), extent)  # a frozen model sees the rest
-    train = [seen_by(v, replace(v.camera, w2c=at)) for v, at in zip(given.train, moved, strict=True)]
+    train = [replace(v, camera=replace(v.camera, w2c=at)) for v, at in zip(given.train, moved, strict=True)]
     wrong = replace(given, train=train)
     trainer = found(room, wrong, *strategies)
     before, after = errors(given, wrong.train), errors(given, trainer.photographs.originals)
@@ -142,16 +141,10 @@ def test_before_it_starts_it_changes_no_bit_and_launches_nothing(data, monkeypat
 
 def test_what_a_step_costs_does_not_grow_with_the_number_of_views(data, at_once):
     dataset = load_dataset(data)
-    more = replace(dataset, train=[replace_name(v, f"{v.name}_{k}") for k in range(4) for v in dataset.train])
+    more = replace(dataset, train=[replace(v, name=f"{v.name}_{k}") for k in range(4) for v in dataset.train])
     counts = [len(launches(Trainer(config_of(data), d).step)) for d in (dataset, more)]
     off = len(launches(Trainer(config_of(data, refine_poses=False), dataset).step))
     assert counts[0] == counts[1] and off < counts[0] <= off + 20
-
-
-def replace_name(view: Any, name: str) -> Any:
-    other = seen_by(view, view.camera)
-    object.__setattr__(other, "name", name)
-    return other
 
 
 def test_a_run_leaves_the_refined_poses_as_a_data_set_and_tells_how_far_cameras_moved(data, tmp_path, at_once):

@@ -175,16 +175,9 @@ def test_a_densified_start_of_another_recipe_is_pruned_at_once_and_to_the_target
 # --- a model that exists ---
 
 
-@pytest.fixture(scope="module")
-def truth(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "model.ply"
-    write_ply(path, tiny_data.truth())
-    return path
-
-
-def test_a_model_is_pruned_before_its_first_step_with_the_colours_it_has(data, truth, tmp_path):
+def test_a_model_is_pruned_before_its_first_step_with_the_colours_it_has(data, model, tmp_path):
     steps = 40
-    config = config_of(data, model=str(truth), target=20, max_primitives=None, steps=steps)
+    config = config_of(data, model=str(model), target=20, max_primitives=None, steps=steps)
     metrics = mi_dogsplat.runs.run.train(config, tmp_path)
     rows = history_of(tmp_path)
     assert rows[0]["step"] == 0 and rows[0]["event"] == "prune 60 -> 40: first check" and "l1" not in rows[0]
@@ -192,11 +185,11 @@ def test_a_model_is_pruned_before_its_first_step_with_the_colours_it_has(data, t
     assert rows[-1]["n"] == 20 and rows[-1]["step"] == steps
     assert not records(rows, "densified", "opacity_reset", "sh_degree")
     assert metrics["n_dog"] > 0 and metrics["steps"] == steps
-    assert json.loads((tmp_path / "config.json").read_text())["model"] == str(truth)
+    assert json.loads((tmp_path / "config.json").read_text())["model"] == str(model)
 
 
 @pytest.mark.parametrize("target", [20, "3kB"])
-def test_a_model_to_prune_is_read_and_measured_once(data, truth, tmp_path, monkeypatch, target):
+def test_a_model_to_prune_is_read_and_measured_once(data, model, tmp_path, monkeypatch, target):
     done: list[str] = []
 
     def noting(name: str) -> Callable:
@@ -205,13 +198,13 @@ def test_a_model_to_prune_is_read_and_measured_once(data, truth, tmp_path, monke
 
     for name in ("read_model", "FileKind"):
         monkeypatch.setattr(initialize, name, noting(name))
-    config = config_of(data, model=str(truth), target=target, max_primitives=None, steps=1)
+    config = config_of(data, model=str(model), target=target, max_primitives=None, steps=1)
     mi_dogsplat.runs.run.train(config, tmp_path)
     assert done == (["read_model", "FileKind"] if target == "3kB" else ["read_model"])
 
 
-def test_a_pruned_model_resumes_from_its_checkpoint(data, truth, tmp_path):
-    config = config_of(data, model=str(truth), target=20, max_primitives=None, steps=40, checkpoint_seconds=0.0)
+def test_a_pruned_model_resumes_from_its_checkpoint(data, model, tmp_path):
+    config = config_of(data, model=str(model), target=20, max_primitives=None, steps=40, checkpoint_seconds=0.0)
     mi_dogsplat.runs.run.train(config, tmp_path / "whole")
 
     def stop(row):

@@ -1,4 +1,4 @@
-"""The settings that trade error for run time, knob by knob: the points of the work-precision curves."""
+"""The work-precision curves: a knob of the engine each, whose points trade error for run time."""
 
 from __future__ import annotations
 
@@ -28,62 +28,62 @@ LEAVE_ONE_OUT = ScoreRule("leave-one-out", spectral_weight=0.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
-    """Primitives of a scene, on the host and on the device."""
+class Subset:
+    """Some primitives of a scene, or all, on the host and on the device."""
 
     splats: Splats
     kept: np.ndarray  # [N'] their rows in the model of the scene
     params: dict
 
     @staticmethod
-    def of(splats: Splats, kept: np.ndarray) -> Model:
-        return Model(splats, kept, upload(splats))
+    def of(splats: Splats, kept: np.ndarray) -> Subset:
+        return Subset(splats, kept, upload(splats))
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
+class Point:
     """A point of a curve: the knob, where it stands, and what the engine is given."""
 
     group: str
     label: str
     options: RasterOptions
-    model: Model
+    subset: Subset
 
     @property
     def key(self) -> tuple[RasterOptions, int]:
-        """Equal for settings that are the same: the default is on every curve."""
-        return self.options, id(self.model)
+        """Equal for points that are the same setting: the default is on every curve."""
+        return self.options, id(self.subset)
 
 
-def settings(scene: Scene) -> list[Setting]:
+def points_of(scene: Scene) -> list[Point]:
     """All points of all curves, curve by curve, from coarse to fine; first, in no group, the default and no cutoffs.
 
     The primitives kept are those with the largest leave-one-out score in this very view (``score.py``).
     """
     splats, cutoffs = scene.splats, Cutoffs()
     default = RasterOptions(sh_degree=splats.sh_degree, antialiased=scene.antialiased)
-    whole = Model.of(splats, np.arange(splats.n_splats))
+    whole = Subset.of(splats, np.arange(splats.n_splats))
     camera = DeviceCamera.upload(scene.camera, scene.near_clip)
     order = np.argsort(-LEAVE_ONE_OUT(whole.params, [camera], default, scene.background, 0), kind="stable")
 
-    def best(share: float) -> Model:
+    def best(share: float) -> Subset:
         rows = np.sort(order[: max(1, round(share * splats.n_splats))])
-        return whole if share == 1 else Model.of(splats.select(rows), rows)
+        return whole if share == 1 else Subset.of(splats.select(rows), rows)
 
-    def points() -> Iterator[tuple[str, str, RasterOptions, Model]]:
+    def points() -> Iterator[Point]:
         for group, field, values in (
             ("alpha cutoff", "alpha", ALPHA),
             ("transmittance cutoff", "transmittance", TRANSMITTANCE),
             ("bound", "bound", BOUND),
         ):
             for label, value in values.items():
-                yield group, label, replace(default, cutoffs=replace(cutoffs, **{field: value})), whole
+                yield Point(group, label, replace(default, cutoffs=replace(cutoffs, **{field: value})), whole)
         for label, value in PATCH.items():
-            yield "exponentials", label, replace(default, patch=value), whole
+            yield Point("exponentials", label, replace(default, patch=value), whole)
         for label, value in reversed(KEPT.items()):
-            yield "primitives kept", label, default, best(value)
+            yield Point("primitives kept", label, default, best(value))
         for degree in range(splats.sh_degree + 1) if splats.sh_degree else ():
-            yield "SH degree", f"degree {degree}", replace(default, sh_degree=degree), whole
+            yield Point("SH degree", f"degree {degree}", replace(default, sh_degree=degree), whole)
         for kind, number, without in (
             ("DoG", splats.n_dog, splats.plain),
             ("slopes", splats.n_slopes, splats.without_slopes),
@@ -93,8 +93,8 @@ def settings(scene: Scene) -> list[Setting]:
             ("shifts", splats.n_shifts, splats.without_shifts),
         ):
             if number:
-                yield kind, f"without {kind}", default, Model.of(without(), whole.kept)
-                yield kind, f"with {kind}", default, whole
+                yield Point(kind, f"without {kind}", default, Subset.of(without(), whole.kept))
+                yield Point(kind, f"with {kind}", default, whole)
 
-    alone = {"default": default, "no cutoffs": replace(default, cutoffs=SMOOTH)}
-    return [*(Setting("", *point, whole) for point in alone.items()), *(Setting(*point) for point in points())]
+    exact = replace(default, cutoffs=SMOOTH)
+    return [Point("", "default", default, whole), Point("", "no cutoffs", exact, whole), *points()]
