@@ -21,7 +21,7 @@ from ..engine.cuts import by_plane
 from ..engine.geometry import MAX_ALPHA
 from ..engine.rows import read_row
 from ..scene.curvatures import ENTRIES
-from .kernels import Kernel, Meeting
+from .kernels import Kernel, RayMeeting
 from .own_axes import moved, pulled
 from .shifts import add_adjoints as add_to_shifts
 from .shifts import moved_by
@@ -51,7 +51,7 @@ class Adjoints:
         )
         self.normals = [dr.zeros(Float, dr.width(plane.rows)) for plane in tree.planes]
 
-    def add_alpha(self, met: Meeting, δα: Any, active: Any) -> None:
+    def add_alpha(self, met: RayMeeting, δα: Any, active: Any) -> None:
         """Of the kernels of what is met."""
         types = array_types()
         δlog = δvalue = _unlimited(met.primary, δα, active)
@@ -73,7 +73,7 @@ class Adjoints:
             pull = [a + b for a, b in zip(pull, more, strict=True)]
         self._add_to_kernel(met, M, pull, lo, active)
 
-    def _add_cuts(self, met: Meeting, δlog: Any, active: Any) -> tuple[list, list]:
+    def _add_cuts(self, met: RayMeeting, δlog: Any, active: Any) -> tuple[list, list]:
         """Of the normals; returns what the point of the ray adds (``pulled``). ``δlog``: adjoint of ln g, of each."""
         assert met.point
         types, δw = array_types(), [0, 0, 0]
@@ -84,7 +84,7 @@ class Adjoints:
             δw = [a + δ * n for a, n in zip(δw, cut.normal, strict=True)]
         return pulled(met.point, met.primary.offset, δw)
 
-    def _add_to_kernel(self, met: Meeting, M: list, pull: list, lo: Any, active: Any) -> None:
+    def _add_to_kernel(self, met: RayMeeting, M: list, pull: list, lo: Any, active: Any) -> None:
         """``pull``: adjoint of M x, x the offset from μ."""
         types = array_types()
         mean = [-dot(pull, [row[c] for row in met.M]) for c in range(3)]
@@ -94,7 +94,7 @@ class Adjoints:
         row = types.Floats([*M, *mean, lo, *[types.Float(0)] * 3])
         dr.scatter_add(self.rows, row, leaf, active, mode=dr.ReduceMode.Local)
 
-    def add_colors(self, met: Meeting, δcolors: list, basis: list, active: Any) -> None:
+    def add_colors(self, met: RayMeeting, δcolors: list, basis: list, active: Any) -> None:
         """Of three channels of radiance."""
         Float, Quad = array_types().Float, array_types().Quad
         values, stride = [b * δ for b in basis for δ in δcolors], self.tree.sh_row
@@ -105,7 +105,7 @@ class Adjoints:
             at = dr.fma(met.splat, stride // size, first // size)
             dr.scatter_add(self.sh, part, at, active, mode=dr.ReduceMode.Local)
 
-    def add_beyond_centre(self, met: Meeting, δcolors: list, active: Any) -> None:
+    def add_beyond_centre(self, met: RayMeeting, δcolors: list, active: Any) -> None:
         """Of three channels of what the colour has beyond that of its centre."""
         assert met.varying and met.point
         add_adjoints(self, met.varying, met.point.w, δcolors, active)
@@ -154,7 +154,7 @@ class Tangents:
             self.normals.append(rows_of([*columns, types.Float(0)], plane.index, n))
         dr.eval(self.rows, self.pseudo, self.slopes, self.curvatures, self.normals, self.shifts, self.sh)
 
-    def of_alpha(self, met: Meeting, active: Any) -> Any:
+    def of_alpha(self, met: RayMeeting, active: Any) -> Any:
         M, mean, lo = self._of_kernel(met, active)
 
         def of_inside(kernel: Kernel) -> list:
@@ -171,7 +171,7 @@ class Tangents:
         δy = [a * b + δ * c / a for a, b, δ, c in zip(f, of_inside(met.pseudo), inverse, y, strict=True)]
         return δα - _unlimited(met.pseudo, LN2 * (lo - 2 * dot(y, δy)) + δcuts, is_dog)
 
-    def _of_cuts(self, met: Meeting, M: list, inside: list, active: Any) -> Any:
+    def _of_cuts(self, met: RayMeeting, M: list, inside: list, active: Any) -> Any:
         """Of the sum of ln g. ``M``, ``inside``: tangents of M, and of M x of the primary where x stays."""
         δlog = 0
         for normals, cut in zip(self.normals, met.cuts, strict=True):
@@ -181,7 +181,7 @@ class Tangents:
             δlog += cut.falls * (dot(δnormal, met.point.w) + dot(cut.normal, moved(met.point, inside, M, here)))
         return δlog
 
-    def of_beyond_centre(self, met: Meeting, active: Any) -> list:
+    def of_beyond_centre(self, met: RayMeeting, active: Any) -> list:
         """Of what the colour has beyond that of its centre, three channels."""
         assert met.varying and met.point
         w, here = met.point.w, active & met.varying.here
@@ -191,7 +191,7 @@ class Tangents:
         of_values = beyond_centre(self, met.varying, w, active)
         return [a + b for a, b in zip(of_point, of_values, strict=True)]
 
-    def _of_kernel(self, met: Meeting, active: Any) -> tuple[list, list, Any]:
+    def _of_kernel(self, met: RayMeeting, active: Any) -> tuple[list, list, Any]:
         """(M, μ on the ray, lo)"""
         row = read_row(self.rows, met.splat, ROW, 13, active)
         mean = row[9:12]
@@ -199,7 +199,7 @@ class Tangents:
             mean = [a + b for a, b in zip(mean, moved_by(self.shifts, met.shift, active), strict=True)]
         return [row[0:3], row[3:6], row[6:9]], mean, row[12]
 
-    def of_colors(self, met: Meeting, basis: list, active: Any) -> list:
+    def of_colors(self, met: RayMeeting, basis: list, active: Any) -> list:
         values = read_row(self.sh, met.splat, self.tree.sh_row, 3 * len(basis), active)
         return [sum(b * values[3 * k + channel] for k, b in enumerate(basis)) for channel in range(3)]
 

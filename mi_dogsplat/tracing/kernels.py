@@ -42,7 +42,7 @@ class Kernel:
 
 
 @dataclass
-class Meeting:
+class RayMeeting:
     """A primitive on a ray."""
 
     leaf: Any  # UInt, node of the tree
@@ -71,7 +71,7 @@ class Line:
     maxt: Any
 
 
-def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Meeting:
+def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> RayMeeting:
     """The primitive of a leaf, on its ray."""
     types = array_types()
     values = read_row(tree.nodes, node, ROW, ROW, active)
@@ -99,7 +99,7 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
         alpha = dr.select(is_dog, alpha - dr.minimum(pseudo.value, MAX_ALPHA), alpha)
     alpha = dr.select(abs(alpha) >= cutoffs.alpha, alpha, 0)
     seen = point, varying, cuts, shift
-    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, *seen)
+    return RayMeeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, *seen)
 
 
 def _kernel(o: list, d: list, lo: Any, away: list, world_d: list, cuts: list[Cut]) -> tuple[Kernel, Any]:
