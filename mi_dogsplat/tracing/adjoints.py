@@ -10,7 +10,6 @@ a primitive depends on the ray, μ is that on the ray, which is linear in what t
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import drjit as dr
@@ -19,6 +18,7 @@ from ..engine.arrays import array_types, detached
 from ..engine.cuts import ROW as NORMAL
 from ..engine.cuts import by_plane
 from ..engine.geometry import MAX_ALPHA
+from ..engine.project import LN2
 from ..engine.rows import read_row
 from ..scene.curvatures import ENTRIES
 from .kernels import Kernel, RayMeeting
@@ -32,7 +32,6 @@ from .vectors import dot
 
 ROW = 16  # floats: M, μ, lo; three are free
 PSEUDO_ROW = 4  # floats: F⁻¹, lo_p
-LN2 = math.log(2)
 
 
 class Adjoints:
