@@ -5,10 +5,7 @@ two renders per parameter. Here 100,000 primitives at 400 x 300 pixels take seco
 `blending.py`.
 
 Notation of `forward.py` and `blending.py`, and
-    δx           d loss / d x, loss = sum(adjoint * image)
-    δcolor_slopes, δcurvatures by what changes per pixel
-    moments      δlog G summed over the pixels with 1, d and d d^T: all that the projection needs of it
-    cut_moments  so of n.w of each plane, of which g is a function, with 1 and d
+    δx           d loss / d x, loss = sum(adjoint * image); what of it the projection needs is a `ScreenAdjoints`
 
 image = sum_i alpha_i T_i c_i + T_final background gives
     dC/dalpha_i = T_i c_i - (sum_{j > i} alpha_j T_j c_j + T_final background) / (1 - alpha_i)
@@ -23,10 +20,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scene.row_groups import PLANES
 from .blending import Blending, blocks
 from .forward import MAX_ALPHA, MIN_T
-from .project_gradients import project_backward
+from .project_gradients import ScreenAdjoints, project_backward
 from .projection import MIN_ALPHA, project
 
 if TYPE_CHECKING:
@@ -78,33 +74,29 @@ def gradients_tiled(splats: Splats, camera: Camera, adjoint: np.ndarray,
         raise ValueError(f"gradients_tiled: adjoint has the shape {adjoint.shape}, the image "
                          f"{(camera.height, camera.width, 3)}; both need to be equal")
     projection = project(splats, camera, near_clip=near_clip, antialiased=antialiased, sh_degree=sh_degree)
-    n = len(projection.depths)
-    δcolors, δcolor_slopes, δcurvatures = np.zeros((n, 3)), np.zeros((n, 3, 2)), np.zeros((n, 2, 2))
-    moments, pseudo_moments = np.zeros((n, 6)), np.zeros((n, 6))
-    cut_moments = np.zeros((len(PLANES), n, 3))
+    δ = ScreenAdjoints.zeros(len(projection.depths))
     for block in blocks(projection, camera, min_alpha):
         blend = Blending(projection, block, negative_transmittance, min_alpha, min_transmittance)
         δpixels = adjoint[block.pixels]  # [h, w, 3]
         weights = blend.alpha * blend.T
-        δcolors[block.splats] += np.tensordot(weights, δpixels, ((1, 2), (0, 1)))
+        δ.colors[block.splats] += np.tensordot(weights, δpixels, ((1, 2), (0, 1)))
         if blend.varying.size:
             varying, of_varying = block.splats[blend.varying], weights[blend.varying]
-            δcolor_slopes[varying] += np.einsum("nhw,hwc,nhwd->ncd", of_varying, δpixels, blend.offsets, optimize=True)
-            δcurvatures[varying] += np.einsum("nhw,hw,nhwd,nhwe->nde", of_varying, δpixels.sum(-1) / 2, blend.offsets,
-                                              blend.offsets, optimize=True)
+            δ.color_slopes[varying] += np.einsum("nhw,hwc,nhwd->ncd", of_varying, δpixels, blend.offsets, optimize=True)
+            δ.curvatures[varying] += np.einsum("nhw,hw,nhwd,nhwe->nde", of_varying, δpixels.sum(-1) / 2, blend.offsets,
+                                               blend.offsets, optimize=True)
         δalpha = blend.backward(blend.colors_times(δpixels), δpixels @ background)
         δlog_G = np.where(blend.G < MAX_ALPHA, δalpha * blend.G, 0)
-        moments[block.splats] += _moments(δlog_G, block.dx, block.dy)
+        δ.moments[block.splats] += _moments(δlog_G, block.dx, block.dy)
         if blend.dog.size:
             δlog_G_p = np.where(blend.G_p < MAX_ALPHA, -δalpha[blend.dog] * blend.G_p, 0)
-            pseudo_moments[block.splats[blend.dog]] += _moments(δlog_G_p, block.dx[blend.dog], block.dy[blend.dog])
+            δ.pseudo_moments[block.splats[blend.dog]] += _moments(δlog_G_p, block.dx[blend.dog], block.dy[blend.dog])
             δlog_G[blend.dog] += δlog_G_p  # both have the factors g
         for cut in blend.cuts:
             δalong = δlog_G[cut.rows] * cut.log_kept_slope()
-            cut_moments[cut.plane, block.splats[cut.rows]] += _moments(δalong, block.dx[cut.rows],
-                                                                       block.dy[cut.rows])[:, :3]
-    return project_backward(splats, camera, projection, δcolors, δcolor_slopes, δcurvatures, moments, pseudo_moments,
-                            cut_moments, antialiased, sh_degree)
+            of_cut = _moments(δalong, block.dx[cut.rows], block.dy[cut.rows])[:, :3]
+            δ.cut_moments[cut.plane, block.splats[cut.rows]] += of_cut
+    return project_backward(splats, camera, projection, δ, antialiased, sh_degree)
 
 
 def _moments(values: np.ndarray, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
