@@ -14,18 +14,18 @@ from typing import Any
 
 import drjit as dr
 
-from ..engine.arrays import array_types, detached
+from ..engine.arrays import array_types
 from ..engine.cuts import ROW as NORMAL
 from ..engine.cuts import by_plane
 from ..engine.geometry import MAX_ALPHA
 from ..engine.project import LN2
 from ..engine.rows import read_row
-from ..scene.curvatures import ENTRIES
 from .kernels import Kernel, RayMeeting
 from .own_axes import moved, pulled
+from .row_tables import columns_of, table, wide
 from .shifts import add_adjoints as add_to_shifts
 from .shifts import moved_by
-from .tree import CURVATURE_ROW, CUT_ROW, NONE, SHIFT_ROW, SLOPE_ROW, Tree, rows_of, table
+from .tree import CUT_ROW, NONE, Tree, rows_of
 from .tree import PSEUDO_ROW as TREE_PSEUDO_ROW
 from .varying import add_adjoints, along, beyond_centre, by_point
 from .vectors import dot
@@ -45,8 +45,7 @@ class Adjoints:
         self.pseudo = dr.zeros(Float, m * PSEUDO_ROW) if m else None
         self.sh = dr.zeros(Float, dr.width(tree.sh))
         self.slopes, self.curvatures, self.shifts = (
-            None if values is None else dr.zeros(Float, dr.width(values))
-            for values in (tree.slopes, tree.curvatures, tree.shifts)
+            values and values.zeros() for values in (tree.slopes, tree.curvatures, tree.shifts)
         )
         self.normals = [dr.zeros(Float, dr.width(plane.rows)) for plane in tree.planes]
 
@@ -87,7 +86,7 @@ class Adjoints:
         """``pull``: adjoint of M x, x the offset from μ."""
         types = array_types()
         mean = [-dot(pull, [row[c] for row in met.M]) for c in range(3)]
-        if met.shift:
+        if met.shift and self.shifts:
             add_to_shifts(self.shifts, met.shift, mean, active)
         leaf = met.leaf - self.tree.first_leaf
         row = types.Floats([*M, *mean, lo, *[types.Float(0)] * 3])
@@ -125,12 +124,12 @@ class Adjoints:
             kernel.append(column)
         dr.eval(kernel)  # what AD adds to a column while its scatter still waits may be lost: docs/performance.md
         sparse = {
-            "pseudo": _columns(self.pseudo, PSEUDO_ROW, 4),
-            "slopes": _columns(self.slopes, SLOPE_ROW, 9),
-            "curvatures": _columns(self.curvatures, CURVATURE_ROW, len(ENTRIES)),
+            "pseudo": [] if self.pseudo is None else columns_of(self.pseudo, PSEUDO_ROW, 4),
+            "slopes": self.slopes.columns() if self.slopes else [],
+            "curvatures": self.curvatures.columns() if self.curvatures else [],
             "normals": [column for normals, plane in zip(self.normals, tree.planes, strict=True)
-                        for column in _columns(normals, CUT_ROW, NORMAL, plane.index)],
-            "shifts": _columns(self.shifts, SHIFT_ROW, 9),
+                        for column in columns_of(normals, CUT_ROW, NORMAL, plane.index)],
+            "shifts": self.shifts.columns() if self.shifts else [],
         }
         return kernel, self.sh, sparse
 
@@ -141,15 +140,17 @@ class Tangents:
     def __init__(self, tree: Tree, kernel: list, sh: Any, sparse: dict[str, list]):
         types = array_types()
         n = dr.width(tree.sh) // tree.sh_row
-        self.tree, self.sh = tree, _wide(sh, dr.width(tree.sh))
-        self.rows = table([_wide(c, n) for c in kernel], ROW)
-        self.pseudo = _table(sparse["pseudo"], PSEUDO_ROW, tree.pseudo, TREE_PSEUDO_ROW)
-        self.slopes = _table(sparse["slopes"], SLOPE_ROW, tree.slopes)
-        self.curvatures = _table(sparse["curvatures"], CURVATURE_ROW, tree.curvatures)
-        self.shifts = _table(sparse["shifts"], SHIFT_ROW, tree.shifts)
+        self.tree, self.sh = tree, wide(sh, dr.width(tree.sh))
+        self.rows, self.pseudo = table([wide(c, n) for c in kernel], ROW), None
+        if tree.pseudo is not None:
+            m = dr.width(tree.pseudo) // TREE_PSEUDO_ROW
+            self.pseudo = table([wide(c, m) for c in sparse["pseudo"]], PSEUDO_ROW)
+        self.slopes = tree.slopes and tree.slopes.tangents(sparse["slopes"])
+        self.curvatures = tree.curvatures and tree.curvatures.tangents(sparse["curvatures"])
+        self.shifts = tree.shifts and tree.shifts.tangents(sparse["shifts"])
         self.normals = []
         for plane, normal in zip(tree.planes, by_plane(sparse["normals"], NORMAL), strict=True):
-            columns = [_wide(c, dr.width(plane.index)) for c in normal]
+            columns = [wide(c, dr.width(plane.index)) for c in normal]
             self.normals.append(rows_of([*columns, types.Float(0)], plane.index, n))
         dr.eval(self.rows, self.pseudo, self.slopes, self.curvatures, self.normals, self.shifts, self.sh)
 
@@ -194,7 +195,7 @@ class Tangents:
         """(M, μ on the ray, lo)"""
         row = read_row(self.rows, met.splat, ROW, 13, active)
         mean = row[9:12]
-        if met.shift:
+        if met.shift and self.shifts:
             mean = [a + b for a, b in zip(mean, moved_by(self.shifts, met.shift, active), strict=True)]
         return [row[0:3], row[3:6], row[6:9]], mean, row[12]
 
@@ -206,25 +207,3 @@ class Tangents:
 def _unlimited(kernel: Kernel, δ: Any, active: Any) -> Any:
     """The value times ``δ``, 0 where it is limited."""
     return dr.select(active & (kernel.value < MAX_ALPHA), kernel.value * δ, 0)
-
-
-def _wide(column: Any, n: int) -> Any:
-    """A tangent, which may be a single 0, as an array of its own."""
-    return detached(column) + dr.zeros(array_types().Float, n)
-
-
-def _table(columns: list, stride: int, like: Any, stride_of_like: int | None = None) -> Any:
-    """Tangents of rows of which the tree has the table ``like``; None of None."""
-    if like is None:
-        return None
-    n = dr.width(like) // (stride_of_like or stride)
-    return table([_wide(c, n) for c in columns], stride)
-
-
-def _columns(rows: Any, stride: int, count: int, index: Any = None) -> list:
-    """The first ``count`` columns of a table, none of None; ``index``: of these rows alone."""
-    if rows is None:
-        return []
-    types = array_types()
-    row = dr.arange(types.UInt, dr.width(rows) // stride) if index is None else index
-    return [dr.gather(types.Float, rows, dr.fma(row, stride, k)) for k in range(count)]

@@ -78,7 +78,7 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Ray
     M, mean, lo = [values[0:3], values[3:6], values[6:9]], values[9:12], values[12]
     dog_row, splat = (cast(Any, dr.reinterpret_array(types.UInt, bits)) for bits in values[13:15])
     shift = read_shift(tree, splat, ray.d, ray.inverse_square, active)
-    if shift:
+    if shift and tree.shifts:
         mean = [c + move for c, move in zip(mean, moved_by(tree.shifts, shift, active), strict=True)]
     away = [o - c for o, c in zip(ray.o, mean, strict=True)]
     near = -dot(away, ray.d) * ray.inverse_square
