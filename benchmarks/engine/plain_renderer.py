@@ -3,7 +3,7 @@
 It knows plain Gaussians of constant colour. There is no DoG, no view-dependent colour, no background, depth or
 antialiasing, no mode and no cutoff to choose: nothing to leave out, because it was never there. With the engine it
 shares what has no options (camera, rotation, tile lists, sums over isects). The formulas are those of ``project.py``,
-``walks/walk.py`` and ``walks/derivatives.py``, and explained there; ``tests/engine/test_lean.py`` shows that kernels of
+``walks/walk.py`` and ``walks/adjoints.py``, and explained there; ``tests/engine/test_lean.py`` shows that kernels of
 both consist of the same instructions.
 """
 

@@ -12,9 +12,9 @@ import mitsuba as mi
 from mi_dogsplat.engine.arrays import array_types, while_loop
 from mi_dogsplat.engine.frozen import frozen
 from mi_dogsplat.engine.geometry import MAX_ALPHA, Grid, Lanes
+from mi_dogsplat.engine.project import LN2
 from mi_dogsplat.engine.tiles import WORD, TileLists
 from mi_dogsplat.engine.walks.block_sums import kernel_adjoints
-from mi_dogsplat.engine.walks.derivatives import LN2
 from mi_dogsplat.engine.walks.exp2 import exp2
 from mi_dogsplat.engine.walks.kernel_values import DEAD_PATCH
 from mi_dogsplat.engine.walks.slot_rows import SlotRows

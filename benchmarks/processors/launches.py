@@ -40,7 +40,7 @@ STAGES = {  # the innermost of these functions that is running, by file and name
     ("drjit/__init__.py", "_radix_sort"): "sort by depth",
     ("engine/drjit_internals.py", "argsort_small"): "sort by tile",
     ("walks/composite.py", "composite"): "composite",
-    ("walks/derivatives.py", "composite_backward"): "composite backward",
+    ("walks/adjoints.py", "composite_backward"): "composite backward",
     ("engine/projected.py", "backward"): "project backward",
     ("training/images/loss.py", "value_and_gradient"): "loss",
     ("strategy/densify_stats.py", "add"): "statistics",

@@ -25,8 +25,8 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.engine.tile_buckets import DEPTHS
 from mi_dogsplat.engine.view import prepare
+from mi_dogsplat.engine.walks.adjoints import composite_backward
 from mi_dogsplat.engine.walks.composite import composite
-from mi_dogsplat.engine.walks.derivatives import composite_backward
 from mi_dogsplat.engine.walks.pixels import Planes
 from mi_dogsplat.engine.walks.walk import Walk
 from mi_dogsplat.scene.cameras import Camera

@@ -34,7 +34,7 @@ from mi_dogsplat.tracing.primitives import primitives_of
 from mi_dogsplat.tracing.tracer import SplatTracer
 from mi_dogsplat.tracing.tree import Tree, build
 from mi_dogsplat.tracing.vectors import dot
-from mi_dogsplat.tracing.visits import Walk
+from mi_dogsplat.tracing.visits import TreeWalk
 
 from ..flags import at_least_one
 from ..models import DATA
@@ -84,7 +84,7 @@ def over_ellipsoids(
         found = scene.ray_intersect_preliminary(onward, active=active)
         walking &= detached(found.is_valid())
         node = dr.gather(array_types().UInt, node_from_ellipsoid, detached(found.prim_index), walking)
-        walk = Walk(tree, line, options, walking)
+        walk = TreeWalk(tree, line, options, walking)
         met = walk.meet(node, walking)
         walking, T_next = passes(met, walking, T, options)
         weight = dr.select(walking, met.alpha * T, 0)

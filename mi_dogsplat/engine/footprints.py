@@ -9,7 +9,6 @@ that the ellipse does not enter ("AccuTile", Speedy-Splat 2024).
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -18,9 +17,8 @@ import drjit as dr
 from .arrays import array_types, constant, detached
 from .cuts import LOG2_LARGEST
 from .geometry import Blocks, Grid
-from .project import NO_ROW, Kernels, Projection
+from .project import LN2, NO_ROW, Kernels, Projection
 
-LN2 = math.log(2)
 SLACK = 1e-3  # px, above the rounding error of the spans
 
 

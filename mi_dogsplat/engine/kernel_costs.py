@@ -28,9 +28,9 @@ from .parameters import upload
 from .project import project
 from .tables import pack
 from .view import arrange, settings_of
+from .walks.adjoints import composite_backward
 from .walks.aovs import composite_aovs
 from .walks.composite import composite
-from .walks.derivatives import composite_backward
 from .walks.pixels import Planes
 
 N = 32  # primitives of the model that is traced; any number gives the same kernels

@@ -38,6 +38,7 @@ from .slopes import slopes_on_screen
 
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
 LOG2_E = 1.4426950408889634
+LN2 = math.log(2)
 MIN_ANTIALIAS_RATIO = 2.5e-5  # of determinants without and with the low-pass filter, as in Mip-Splatting's code
 MAX_AXIS = 1e8  # px; a longer axis of a kernel is cut to this, which changes no pixel and keeps squares in range
 MAX_DET = 2.0**62  # px⁴; the inverse square of a larger determinant is no float, and derivatives need it

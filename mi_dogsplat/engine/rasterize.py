@@ -21,11 +21,13 @@ from .normals import normals
 from .options import RasterOptions, Settings
 from .project import Projection
 from .projected import projected
+from .tables import CentredKernel
 from .tiles import TileLists
 from .view import arrange
+from .walks.adjoints import composite_backward
 from .walks.composite import composite
-from .walks.derivatives import composite_backward, composite_forward
 from .walks.pixels import Planes
+from .walks.tangents import composite_forward
 
 
 @dataclass
@@ -145,7 +147,8 @@ def rasterize(
         blended = None
 
     k, p = projection.kernels, projection.pseudo
-    splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features, *projection.varying]
+    kernels = CentredKernel(projection.x, projection.y, k.ux, k.uy, k.vy, k.lo)
+    splats = [*kernels, *features, *projection.varying]
     pseudo = [] if p is None else [p.ux, p.uy, p.vy, p.lo]
     composited: Any = dr.custom(_Composite, _Fixed(view, blended), splats, pseudo)
     planes, T = composited

@@ -22,6 +22,15 @@ class KernelRow(namedtuple("KernelRow", "ux uy vy lo q s t")):
     """A 2D kernel as lanes evaluate it: p = lo - (ux dx + uy dy)² - (vy dy)², and ratios (``kernel_values.py``)."""
 
 
+class CentredKernel(namedtuple("CentredKernel", "x y ux uy vy lo")):
+    """A 2D kernel and its centre: what blending has derivatives by, or these derivatives, in this order. Features and
+    what varies over a primitive follow."""
+
+    def centre_plus(self, δx: Any, δy: Any) -> CentredKernel:
+        return self._replace(x=self.x + δx, y=self.y + δy)
+
+
+N_PSEUDO = 4  # the last of these are the pseudo-Gaussian's own; its centre is that of the primary
 KERNEL_COLUMNS = len(KernelRow._fields)
 FIRST_FEATURE = 2 + KERNEL_COLUMNS  # column of the primitives' table: x, y, kernel, features, what varies, padding
 PSEUDO_COLUMNS = 8  # of the pseudo-Gaussians' table: kernel, padding

@@ -1,13 +1,11 @@
 """The float64 rasteriser for real models: image and analytic gradients, in NumPy alone, tile by tile.
 
 `forward.py` is written for reading: it evaluates every primitive at every pixel and differentiates by differences,
-two renders per parameter. Here 100,000 primitives at 400 x 300 pixels take seconds. `walk.py` has what a pixel blends.
+two renders per parameter. Here 100,000 primitives at 400 x 300 pixels take seconds. What a pixel blends is in
+`blending.py`.
 
-Notation of `forward.py` and `walk.py`, and
-    δx           d loss / d x, loss = sum(adjoint * image)
-    δcolor_slopes, δcurvatures by what changes per pixel
-    moments      δlog G summed over the pixels with 1, d and d d^T: all that the projection needs of it
-    cut_moments  so of n.w of each plane, of which g is a function, with 1 and d
+Notation of `forward.py` and `blending.py`, and
+    δx           d loss / d x, loss = sum(adjoint * image); what of it the projection needs is a `ScreenAdjoints`
 
 image = sum_i alpha_i T_i c_i + T_final background gives
     dC/dalpha_i = T_i c_i - (sum_{j > i} alpha_j T_j c_j + T_final background) / (1 - alpha_i)
@@ -22,11 +20,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scene.row_groups import PLANES
+from .blending import Blending, blocks
 from .forward import MAX_ALPHA, MIN_T
-from .project_gradients import project_backward
+from .project_gradients import ScreenAdjoints, project_backward
 from .projection import MIN_ALPHA, project
-from .walk import Walk, blocks
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -49,16 +46,16 @@ def render_tiled(splats: Splats, camera: Camera, background: Sequence[float] | n
     """The image of `reference.render`, for models of any size.
 
     `min_alpha=0` ignores no primitive (kernels end at 2^-60), `min_transmittance=0` stops no walk: both together are
-    its `smooth=True`. `moved`: by this share all cutoffs are stricter, as `Walk` has it. Raises ValueError if
+    its `smooth=True`. `moved`: by this share all cutoffs are stricter, as `Blending` has it. Raises ValueError if
     `sh_degree` exceeds what the primitives have.
     """
     projection = project(splats, camera, near_clip=near_clip, antialiased=antialiased, sh_degree=sh_degree)
     image, T, max_T = np.zeros((camera.height, camera.width, 3)), np.ones((camera.height, camera.width)), 1.0
     for block in blocks(projection, camera, (1 - 2 * abs(moved)) * min_alpha):
-        walk = Walk(projection, block, negative_transmittance, min_alpha, min_transmittance, moved)
-        image[block.pixels] = walk.sum_of_colors(walk.alpha * walk.T, walk.variations())
-        T[block.pixels] = walk.T_final
-        max_T = max(max_T, walk.T.max(), walk.T_final.max())
+        blend = Blending(projection, block, negative_transmittance, min_alpha, min_transmittance, moved)
+        image[block.pixels] = blend.sum_of_colors(blend.alpha * blend.T, blend.variations())
+        T[block.pixels] = blend.T_final
+        max_T = max(max_T, blend.T.max(), blend.T_final.max())
     return Rendered(image + T[..., None] * np.asarray(background, np.float64), T, float(max_T))
 
 
@@ -77,33 +74,29 @@ def gradients_tiled(splats: Splats, camera: Camera, adjoint: np.ndarray,
         raise ValueError(f"gradients_tiled: adjoint has the shape {adjoint.shape}, the image "
                          f"{(camera.height, camera.width, 3)}; both need to be equal")
     projection = project(splats, camera, near_clip=near_clip, antialiased=antialiased, sh_degree=sh_degree)
-    n = len(projection.depths)
-    δcolors, δcolor_slopes, δcurvatures = np.zeros((n, 3)), np.zeros((n, 3, 2)), np.zeros((n, 2, 2))
-    moments, pseudo_moments = np.zeros((n, 6)), np.zeros((n, 6))
-    cut_moments = np.zeros((len(PLANES), n, 3))
+    δ = ScreenAdjoints.zeros(len(projection.depths))
     for block in blocks(projection, camera, min_alpha):
-        walk = Walk(projection, block, negative_transmittance, min_alpha, min_transmittance)
+        blend = Blending(projection, block, negative_transmittance, min_alpha, min_transmittance)
         δpixels = adjoint[block.pixels]  # [h, w, 3]
-        weights = walk.alpha * walk.T
-        δcolors[block.splats] += np.tensordot(weights, δpixels, ((1, 2), (0, 1)))
-        if walk.varying.size:
-            varying, of_varying = block.splats[walk.varying], weights[walk.varying]
-            δcolor_slopes[varying] += np.einsum("nhw,hwc,nhwd->ncd", of_varying, δpixels, walk.offsets, optimize=True)
-            δcurvatures[varying] += np.einsum("nhw,hw,nhwd,nhwe->nde", of_varying, δpixels.sum(-1) / 2, walk.offsets,
-                                              walk.offsets, optimize=True)
-        δalpha = walk.backward(walk.colors_times(δpixels), δpixels @ background)
-        δlog_G = np.where(walk.G < MAX_ALPHA, δalpha * walk.G, 0)
-        moments[block.splats] += _moments(δlog_G, block.dx, block.dy)
-        if walk.dog.size:
-            δlog_G_p = np.where(walk.G_p < MAX_ALPHA, -δalpha[walk.dog] * walk.G_p, 0)
-            pseudo_moments[block.splats[walk.dog]] += _moments(δlog_G_p, block.dx[walk.dog], block.dy[walk.dog])
-            δlog_G[walk.dog] += δlog_G_p  # both have the factors g
-        for cut in walk.cuts:
+        weights = blend.alpha * blend.T
+        δ.colors[block.splats] += np.tensordot(weights, δpixels, ((1, 2), (0, 1)))
+        if blend.varying.size:
+            varying, of_varying = block.splats[blend.varying], weights[blend.varying]
+            δ.color_slopes[varying] += np.einsum("nhw,hwc,nhwd->ncd", of_varying, δpixels, blend.offsets, optimize=True)
+            δ.curvatures[varying] += np.einsum("nhw,hw,nhwd,nhwe->nde", of_varying, δpixels.sum(-1) / 2, blend.offsets,
+                                               blend.offsets, optimize=True)
+        δalpha = blend.backward(blend.colors_times(δpixels), δpixels @ background)
+        δlog_G = np.where(blend.G < MAX_ALPHA, δalpha * blend.G, 0)
+        δ.moments[block.splats] += _moments(δlog_G, block.dx, block.dy)
+        if blend.dog.size:
+            δlog_G_p = np.where(blend.G_p < MAX_ALPHA, -δalpha[blend.dog] * blend.G_p, 0)
+            δ.pseudo_moments[block.splats[blend.dog]] += _moments(δlog_G_p, block.dx[blend.dog], block.dy[blend.dog])
+            δlog_G[blend.dog] += δlog_G_p  # both have the factors g
+        for cut in blend.cuts:
             δalong = δlog_G[cut.rows] * cut.log_kept_slope()
-            cut_moments[cut.plane, block.splats[cut.rows]] += _moments(δalong, block.dx[cut.rows],
-                                                                       block.dy[cut.rows])[:, :3]
-    return project_backward(splats, camera, projection, δcolors, δcolor_slopes, δcurvatures, moments, pseudo_moments,
-                            cut_moments, antialiased, sh_degree)
+            of_cut = _moments(δalong, block.dx[cut.rows], block.dy[cut.rows])[:, :3]
+            δ.cut_moments[cut.plane, block.splats[cut.rows]] += of_cut
+    return project_backward(splats, camera, projection, δ, antialiased, sh_degree)
 
 
 def _moments(values: np.ndarray, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ where ω turns the primitive about its own axes, R exp([ω]). What comes through
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,17 +44,29 @@ if TYPE_CHECKING:
     from ..scene.splats import Splats
 
 
-def project_backward(splats: Splats, camera: Camera, projection: Projection, δcolors: np.ndarray,
-                     δcolor_slopes: np.ndarray, δcurvatures: np.ndarray, moments: np.ndarray,
-                     pseudo_moments: np.ndarray, cut_moments: np.ndarray, antialiased: bool,
-                     sh_degree: int | None) -> dict[str, np.ndarray]:
+@dataclass
+class ScreenAdjoints:
+    """All that a loss has to say about the N primitives of a projection, float64."""
+
+    colors: np.ndarray  # [N, 3] at the centres
+    color_slopes: np.ndarray  # [N, 3, 2] by `Projection.slopes`
+    curvatures: np.ndarray  # [N, 2, 2] by `Projection.curvatures`
+    moments: np.ndarray  # [N, 6] sums of δlog G times 1, dx, dy, dx^2, dx dy, dy^2
+    pseudo_moments: np.ndarray  # [N, 6] of δlog G_p
+    cut_moments: np.ndarray  # [2, N, 3] sums of δ(n.w) of each plane times 1, dx, dy
+
+    @staticmethod
+    def zeros(n: int) -> ScreenAdjoints:
+        shapes = (n, 3), (n, 3, 2), (n, 2, 2), (n, 6), (n, 6), (len(PLANES), n, 3)
+        return ScreenAdjoints(*(np.zeros(shape) for shape in shapes))
+
+
+def project_backward(splats: Splats, camera: Camera, projection: Projection, screen: ScreenAdjoints,
+                     antialiased: bool, sh_degree: int | None) -> dict[str, np.ndarray]:
     """d loss / d raw parameter, by name and in the shapes of `splats`, float64.
 
-    `projection` is what `reference.project` makes of `splats` and `camera` with the same options. `δcolors` [N, 3],
-    `δcolor_slopes` [N, 3, 2] and `δcurvatures` [N, 2, 2] are by what that has of them; `moments` and `pseudo_moments`
-    [N, 6] are the sums of δlog G and δlog G_p times 1, dx, dy, dx^2, dx dy, dy^2, `cut_moments` [2, N, 3] those of
-    δ(n.w) of each plane times 1, dx, dy. The derivative is 0 through the limits: of a primitive that is not visible, of
-    a colour at 0, of a clamped tangent.
+    `projection` is what `reference.project` makes of `splats` and `camera` with the same options. The derivative is 0
+    through the limits: of a primitive that is not visible, of a colour at 0, of a clamped tangent.
     """
     p, seen = projection, np.flatnonzero(projection.visible)  # [n]
     raw = {name: np.asarray(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
@@ -61,75 +74,121 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     δ = {name: np.zeros_like(values) for name, values in raw.items()}
 
     n_coeffs = raw["sh_coeffs"].shape[1] if sh_degree is None else (sh_degree + 1) ** 2
-    δunclamped = np.where(p.colors[seen] > 0, δcolors[seen], 0)
+    δunclamped = np.where(p.colors[seen] > 0, screen.colors[seen], 0)
     means, sh = raw["means"][seen], raw["sh_coeffs"][seen, :n_coeffs]
     δ["means"][seen], δ["sh_coeffs"][seen, :n_coeffs] = _colors_backward(means, sh, camera, δunclamped)
 
-    # both rows of J W are focal / z (W_0 - tangent W_2), with x / z or y / z for the tangent
-    W, focal, centre = camera.w2c[:3, :3], np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
-    position = seen_from(splats, camera)[seen] @ W.T + camera.w2c[:3, 3]
-    z, size = position[:, 2:], np.array([camera.width, camera.height])
-    tangents, low, high = position[:, :2] / z, -(centre + 0.15 * size) / focal, (1.15 * size - centre) / focal
-    bases = W[:2] - np.clip(tangents, low, high)[:, :, None] * W[2]  # [n, 2, 3]
-    R, scales = rotations(raw["quats"][seen]), np.exp(raw["log_scales"][seen])
-    C = (focal / z)[:, :, None] * bases @ R
-    δmeans2d, δlog_scales, δω, δC = _kernel_backward(C, scales, p.cov2d[seen], p.conics[seen], moments[seen],
-                                                     antialiased)
+    R, linear = rotations(raw["quats"][seen]), _Linearised(camera, seen_from(splats, camera)[seen])
+    axes = _Axes(seen, linear.JW @ R, np.exp(raw["log_scales"][seen]))
+    δmeans2d, _ = axes.add_kernel(seen, 1.0, p.cov2d, p.conics, screen.moments, antialiased)
     # what a pixel has of a colour that varies, and of a cut, depends on where the centre is
-    δmeans2d -= np.einsum("ncd,nc->nd", p.slopes[seen], δcolors[seen])
-    δmeans2d -= np.einsum("nij,nj->ni", p.curvatures[seen], δcolor_slopes[seen].sum(1))
-    δmeans2d -= (p.cuts[:, seen] * cut_moments[:, seen, :1]).sum(0)
-    δlog_opacities = moments[:, 0].copy()
+    δmeans2d -= np.einsum("ncd,nc->nd", p.slopes[seen], screen.colors[seen])
+    δmeans2d -= np.einsum("nij,nj->ni", p.curvatures[seen], screen.color_slopes[seen].sum(1))
+    δmeans2d -= (p.cuts[:, seen] * screen.cut_moments[:, seen, :1]).sum(0)
 
     dog_index = np.asarray(splats.dog_index, np.int64)
     dog = np.flatnonzero(p.visible[dog_index])  # [m] rows of the DoG parameters
-    i = dog_index[dog]
-    at = np.searchsorted(seen, i)
-    parts = _kernel_backward(C[at], scales[at] * np.exp(raw["dog_log_scales"][dog]), p.pseudo_cov2d[i],
-                             p.pseudo_conics[i], pseudo_moments[i], antialiased)
-    δ["dog_log_scales"][dog] = parts[1]
-    for whole, part in zip((δmeans2d, δlog_scales, δω, δC), parts, strict=True):
-        whole[at] += part
-    δlog_opacities += pseudo_moments[:, 0]
-    δ["dog_logit_opacities"][dog] = pseudo_moments[i, 0] * sigmoid(-raw["dog_logit_opacities"][dog])
+    i, F = dog_index[dog], np.exp(raw["dog_log_scales"][dog])
+    δcentres2d, δ["dog_log_scales"][dog] = axes.add_kernel(i, F, p.pseudo_cov2d, p.pseudo_conics,
+                                                           screen.pseudo_moments, antialiased)
+    δmeans2d[axes.rows(i)] += δcentres2d
+    δlog_opacities = screen.moments[:, 0] + screen.pseudo_moments[:, 0]
     δ["logit_opacities"][seen] = δlog_opacities[seen] * sigmoid(-raw["logit_opacities"][seen])
+    δ["dog_logit_opacities"][dog] = screen.pseudo_moments[i, 0] * sigmoid(-raw["dog_logit_opacities"][dog])
 
-    of_kinds = [(SLOPES, δcolor_slopes, own_axes_backward), (CURVATURES, δcurvatures, curvatures_backward)]
-    of_kinds += [(plane, δcuts, cuts_backward) for plane, δcuts in zip(PLANES, cut_moments[:, :, 1:], strict=True)]
+    δ |= _own_axes_backward(splats, p, screen, axes)
+    δcentres = linear.backward(δmeans2d, axes.δC @ R.swapaxes(1, 2))
+    δ["means"][seen] += δcentres
+    δ |= _shifts_backward(splats, camera, p, δcentres, axes, δ["means"])
+    δ["log_scales"][seen] = axes.δlog_scales
+    δ["quats"][seen] = quats_backward(raw["quats"][seen], axes.δω)
+    return δ | unpadded_sh(δ["sh_coeffs"], splats)
+
+
+class _Linearised:
+    """J W at centres [n, 3], as the camera sees them.
+
+    Both of its rows are focal / z (W_0 - tangent W_2), with x / z or y / z for the tangent, which is clamped to at most
+    15 % of an image outside.
+    """
+
+    def __init__(self, camera: Camera, centres: np.ndarray):
+        self.W, self.focal = camera.w2c[:3, :3], np.array([camera.fx, camera.fy])
+        principal, size = np.array([camera.cx, camera.cy]), np.array([camera.width, camera.height])
+        position = centres @ self.W.T + camera.w2c[:3, 3]
+        self.z, self.tangents = position[:, 2:], position[:, :2] / position[:, 2:]
+        low, high = -(principal + 0.15 * size) / self.focal, (1.15 * size - principal) / self.focal
+        self.inside = (self.tangents > low) & (self.tangents < high)
+        self.bases = self.W[:2] - np.clip(self.tangents, low, high)[:, :, None] * self.W[2]  # [n, 2, 3]
+        self.JW = (self.focal / self.z)[:, :, None] * self.bases
+
+    def backward(self, δmeans2d: np.ndarray, δJW: np.ndarray) -> np.ndarray:
+        """δcentres [n, 3], by way of means2d [n, 2] and of J W [n, 2, 3]."""
+        δfocal_by_z = (δJW * self.bases).sum(2)  # [n, 2]
+        δtangents = self.focal * (δmeans2d - np.where(self.inside, δJW @ self.W[2], 0) / self.z)
+        δz = -((δfocal_by_z * self.focal / self.z + δtangents * self.tangents) / self.z).sum(1, keepdims=True)
+        return np.concatenate([δtangents / self.z, δz], axis=1) @ self.W
+
+
+class _Axes:
+    """C [n, 2, 3] and the scales [n, 3] of the primitives `seen` [n], and adjoints to which all adds that has them."""
+
+    def __init__(self, seen: np.ndarray, C: np.ndarray, scales: np.ndarray):
+        self.seen, self.C, self.scales = seen, C, scales
+        self.δlog_scales, self.δω, self.δC = np.zeros_like(scales), np.zeros_like(scales), np.zeros_like(C)
+
+    def rows(self, i: np.ndarray) -> np.ndarray:
+        """Where the primitives i [m] are among those that are seen."""
+        return np.searchsorted(self.seen, i)
+
+    def add(self, i: np.ndarray, δlog_scales: np.ndarray, δω: np.ndarray, δC: np.ndarray | float = 0.0) -> None:
+        """Of the primitives i [m]."""
+        at = self.rows(i)
+        for whole, part in zip((self.δlog_scales, self.δω, self.δC), (δlog_scales, δω, δC), strict=True):
+            whole[at] += part
+
+    def add_kernel(self, i: np.ndarray, F: np.ndarray | float, cov2d: np.ndarray, conics: np.ndarray,
+                   moments: np.ndarray, antialiased: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Of kernels of the primitives i [m], `F` times as large as these; returns δmeans2d [m, 2], δlog F [m, 3]."""
+        at = self.rows(i)
+        δmeans2d, *parts = _kernel_backward(self.C[at], self.scales[at] * F, cov2d[i], conics[i], moments[i],
+                                            antialiased)
+        self.add(i, *parts)
+        return δmeans2d, parts[0]
+
+
+def _own_axes_backward(splats: Splats, p: Projection, screen: ScreenAdjoints, axes: _Axes) -> dict[str, np.ndarray]:
+    """δ of what primitives have along their axes, slopes, curvatures and cuts, by name; adds to `axes`."""
+    of_kinds = [(SLOPES, screen.color_slopes, own_axes_backward), (CURVATURES, screen.curvatures, curvatures_backward)]
+    of_kinds += [(plane, δh, cuts_backward) for plane, δh in zip(PLANES, screen.cut_moments[:, :, 1:], strict=True)]
+    δ = {}
     for group, δper_pixel, backward in of_kinds:
         index, values = index_of(splats, group), values_of(splats, group)
-        if not len(index):
-            continue
-        found = np.flatnonzero(p.visible[index])  # rows of the group
-        i = index[found]
-        at = np.searchsorted(seen, i)
-        δvalues, *parts = backward(C[at], scales[at], p.cov2d[i], p.conics[i], values[found], δper_pixel[i])
-        (name,) = group.names
-        δ[name] = np.zeros_like(values)
-        δ[name][found] = δvalues
-        for whole, part in zip((δlog_scales, δω, δC), parts, strict=True):
-            whole[at] += part
+        if len(index):
+            found = np.flatnonzero(p.visible[index])  # rows of the group
+            i = index[found]
+            at = axes.rows(i)
+            δvalues, *parts = backward(axes.C[at], axes.scales[at], p.cov2d[i], p.conics[i], values[found],
+                                       δper_pixel[i])
+            axes.add(i, *parts)
+            (name,) = group.names
+            δ[name] = np.zeros_like(values)
+            δ[name][found] = δvalues
+    return δ
 
-    δJW = δC @ R.swapaxes(1, 2)
-    δfocal_by_z = (δJW * bases).sum(2)  # [n, 2]
-    inside = (tangents > low) & (tangents < high)
-    δtangents = focal * (δmeans2d - np.where(inside, δJW @ W[2], 0) / z)
-    δz = -((δfocal_by_z * focal / z + δtangents * tangents) / z).sum(1, keepdims=True)
-    δcentres = np.concatenate([δtangents / z, δz], axis=1) @ W
-    δ["means"][seen] += δcentres
 
+def _shifts_backward(splats: Splats, camera: Camera, p: Projection, δcentres: np.ndarray, axes: _Axes,
+                     δmeans: np.ndarray) -> dict[str, np.ndarray]:
+    """δ of the shifts, by name, from that of where centres are seen [n, 3]; adds to `axes` and to `δmeans` [N, 3]."""
     index = index_of(splats, SHIFTS)
-    if len(index):
-        found = np.flatnonzero(p.visible[index])  # rows of the group
-        at = np.searchsorted(seen, index[found])
-        δmeans, *parts, of_shifts = shifts_backward(splats, camera, found, δcentres[at])
-        δ["means"][index[found]] += δmeans
-        for whole, part in zip((δlog_scales, δω), parts, strict=True):
-            whole[at] += part
-        δ |= of_shifts
-    δ["log_scales"][seen] = δlog_scales
-    δ["quats"][seen] = quats_backward(raw["quats"][seen], δω)
-    return δ | unpadded_sh(δ["sh_coeffs"], splats)
+    if not len(index):
+        return {}
+    found = np.flatnonzero(p.visible[index])  # rows of the group
+    i = index[found]
+    δstored, *parts, of_shifts = shifts_backward(splats, camera, found, δcentres[axes.rows(i)])
+    δmeans[i] += δstored
+    axes.add(i, *parts)
+    return of_shifts
 
 
 def _kernel_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, moments: np.ndarray,

@@ -137,6 +137,29 @@ def _finite_parameters(splats: Splats, sh: np.ndarray) -> np.ndarray:
     return finite
 
 
+def _own_axes_on_screen(splats: Splats, C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray,
+                        conics: np.ndarray) -> tuple[np.ndarray, ...]:
+    """`sloped`, `slopes`, `curved`, `curvatures`, `cut` and `cuts` of a `Projection`, from C = J W R [N, 2, 3]."""
+    n = len(scales)
+
+    def per_pixel(i: np.ndarray) -> np.ndarray:
+        # [m, 2, 3] P = Sigma'^-1 V: at the offset d it is w = P^T d standard deviations away that primitives are seen
+        return conics_times_axes(C[i], scales[i] ** 2, cov2d[i], conics[i]) * scales[i, None, :]
+
+    sloped, slopes = np.zeros(n, bool), np.zeros((n, 3, 2))
+    i = index_of(splats, SLOPES)
+    slopes[i], sloped[i] = (per_pixel(i) @ values_of(splats, SLOPES)).swapaxes(1, 2), True
+    curved, curvatures = np.zeros(n, bool), np.zeros((n, 2, 2))
+    i = index_of(splats, CURVATURES)
+    curvatures[i] = per_pixel(i) @ quadratic_forms(values_of(splats, CURVATURES)) @ per_pixel(i).swapaxes(1, 2)
+    curved[i] = True
+    cut, cuts = np.zeros((len(PLANES), n), bool), np.zeros((len(PLANES), n, 2))
+    for k, plane in enumerate(PLANES):
+        i = index_of(splats, plane)
+        cuts[k, i], cut[k, i] = no_steeper(np.einsum("nij,nj->ni", per_pixel(i), values_of(splats, plane))), True
+    return sloped, slopes, curved, curvatures, cut, cuts
+
+
 @np.errstate(all="ignore")  # what is not finite or not in front of the camera is computed, then discarded
 def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialiased: bool = False,
             sh_degree: int | None = None) -> Projection:
@@ -182,22 +205,7 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
     sh = sh[:, :basis.shape[1]]
     colors = np.maximum(0, np.einsum("nk,nkc->nc", basis, sh) + 0.5)
 
-    def per_pixel(i: np.ndarray) -> np.ndarray:
-        # [m, 2, 3] P = Sigma'^-1 V: at the offset d it is w = P^T d standard deviations away that primitives are seen
-        return conics_times_axes(JWR[i], scales[i] ** 2, cov2d[i], conics[i]) * scales[i, None, :]
-
-    sloped, slopes = np.zeros(n, bool), np.zeros((n, 3, 2))
-    i = index_of(splats, SLOPES)
-    slopes[i], sloped[i] = (per_pixel(i) @ values_of(splats, SLOPES)).swapaxes(1, 2), True
-    curved, curvatures = np.zeros(n, bool), np.zeros((n, 2, 2))
-    i = index_of(splats, CURVATURES)
-    curvatures[i] = per_pixel(i) @ quadratic_forms(values_of(splats, CURVATURES)) @ per_pixel(i).swapaxes(1, 2)
-    curved[i] = True
-    cut, cuts = np.zeros((len(PLANES), n), bool), np.zeros((len(PLANES), n, 2))
-    for k, plane in enumerate(PLANES):
-        i = index_of(splats, plane)
-        cuts[k, i], cut[k, i] = no_steeper(np.einsum("nij,nj->ni", per_pixel(i), values_of(splats, plane))), True
-
+    sloped, slopes, curved, curvatures, cut, cuts = _own_axes_on_screen(splats, JWR, scales, cov2d, conics)
     largest = largest_kept(cut)
     extents = np.maximum(_extents(cov2d, opacities * largest), _extents(pseudo_cov2d, pseudo_opacities * largest))
     rows = [means2d, z, cov2d, conics, opacities, colors, slopes, curvatures, *cuts, pseudo_cov2d, pseudo_conics,

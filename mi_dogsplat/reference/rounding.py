@@ -1,6 +1,6 @@
 """What float32 may do to an image, pixel by pixel: bounds to first order, as Higham has them for sums and products.
 
-Notation of `forward.py` and `walk.py`. A kernel's value is right to a few units, of which alpha = G - G_p keeps the
+Notation of `forward.py` and `blending.py`. A kernel's value is right to a few units, of which alpha = G - G_p keeps the
 absolute error: its relative one is larger by (G + G_p) / |alpha|. T is a product, so the relative errors of its factors
 add, and an error of T is one of all that lies behind. An image is a sum of alpha T c: its error is in proportion to
 the sum of their magnitudes, which negative alphas take to any size, and not to what their sum happens to be. A colour
@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .blending import COLOR_UNITS, KERNEL_UNITS, UNIT, Blending, blocks
 from .forward import MIN_T
 from .projection import MIN_ALPHA, project
-from .walk import COLOR_UNITS, KERNEL_UNITS, UNIT, Walk, blocks
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -42,16 +42,16 @@ def rounding_tiled(splats: Splats, camera: Camera, background: Sequence[float] |
     magnitude = np.tile(light, (camera.height, camera.width, 1))
     error = UNIT * magnitude
     for block in blocks(projection, camera, MIN_ALPHA):
-        walk = Walk(projection, block, True, MIN_ALPHA, MIN_T)
-        of_T, size = walk.roundings(), np.abs(walk.alpha)
+        blend = Blending(projection, block, True, MIN_ALPHA, MIN_T)
+        of_T, size = blend.roundings(), np.abs(blend.alpha)
         in_front = np.concatenate([np.zeros_like(of_T[:1]), of_T[:-1]])
-        of_weights = np.where(walk.blended, KERNEL_UNITS * UNIT * (walk.operands() + size) + in_front * size, 0)
-        of_light, centres = walk.T_final[..., None] * light, walk.colors[walk.varying, None, None]
-        to_sizes = np.abs(centres + walk.variations()) - centres  # what makes of the colours there their magnitudes
-        magnitude[block.pixels] = walk.sum_of_colors(size * walk.T, to_sizes) + of_light
-        of_blended = walk.sum_of_colors(of_weights * walk.T, to_sizes)
+        of_weights = np.where(blend.blended, KERNEL_UNITS * UNIT * (blend.operands() + size) + in_front * size, 0)
+        of_light, centres = blend.T_final[..., None] * light, blend.colors[blend.varying, None, None]
+        to_sizes = np.abs(centres + blend.variations()) - centres  # what makes of the colours there their magnitudes
+        magnitude[block.pixels] = blend.sum_of_colors(size * blend.T, to_sizes) + of_light
+        of_blended = blend.sum_of_colors(of_weights * blend.T, to_sizes)
         error[block.pixels] = of_blended + (of_T[-1][..., None] + UNIT) * of_light
-        if walk.varying.size:
-            of_colors = COLOR_UNITS * UNIT * walk.terms()
-            error[block.pixels] += np.einsum("nhw,nhwc->hwc", (size * walk.T)[walk.varying], of_colors)
+        if blend.varying.size:
+            of_colors = COLOR_UNITS * UNIT * blend.terms()
+            error[block.pixels] += np.einsum("nhw,nhwc->hwc", (size * blend.T)[blend.varying], of_colors)
     return Rounding(magnitude, error)

@@ -10,29 +10,28 @@ a primitive depends on the ray, μ is that on the ray, which is linear in what t
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import drjit as dr
 
-from ..engine.arrays import array_types, detached
+from ..engine.arrays import array_types
 from ..engine.cuts import ROW as NORMAL
 from ..engine.cuts import by_plane
 from ..engine.geometry import MAX_ALPHA
+from ..engine.project import LN2
 from ..engine.rows import read_row
-from ..scene.curvatures import ENTRIES
-from .kernels import Kernel, Meeting
+from .kernels import Kernel, RayMeeting
 from .own_axes import moved, pulled
+from .row_tables import columns_of, table, wide
 from .shifts import add_adjoints as add_to_shifts
 from .shifts import moved_by
-from .tree import CURVATURE_ROW, CUT_ROW, NONE, SHIFT_ROW, SLOPE_ROW, Tree, rows_of, table
+from .tree import CUT_ROW, NONE, Tree, rows_of
 from .tree import PSEUDO_ROW as TREE_PSEUDO_ROW
 from .varying import add_adjoints, along, beyond_centre, by_point
 from .vectors import dot
 
 ROW = 16  # floats: M, μ, lo; three are free
 PSEUDO_ROW = 4  # floats: F⁻¹, lo_p
-LN2 = math.log(2)
 
 
 class Adjoints:
@@ -46,12 +45,11 @@ class Adjoints:
         self.pseudo = dr.zeros(Float, m * PSEUDO_ROW) if m else None
         self.sh = dr.zeros(Float, dr.width(tree.sh))
         self.slopes, self.curvatures, self.shifts = (
-            None if values is None else dr.zeros(Float, dr.width(values))
-            for values in (tree.slopes, tree.curvatures, tree.shifts)
+            values and values.zeros() for values in (tree.slopes, tree.curvatures, tree.shifts)
         )
         self.normals = [dr.zeros(Float, dr.width(plane.rows)) for plane in tree.planes]
 
-    def add_alpha(self, met: Meeting, δα: Any, active: Any) -> None:
+    def add_alpha(self, met: RayMeeting, δα: Any, active: Any) -> None:
         """Of the kernels of what is met."""
         types = array_types()
         δlog = δvalue = _unlimited(met.primary, δα, active)
@@ -73,7 +71,7 @@ class Adjoints:
             pull = [a + b for a, b in zip(pull, more, strict=True)]
         self._add_to_kernel(met, M, pull, lo, active)
 
-    def _add_cuts(self, met: Meeting, δlog: Any, active: Any) -> tuple[list, list]:
+    def _add_cuts(self, met: RayMeeting, δlog: Any, active: Any) -> tuple[list, list]:
         """Of the normals; returns what the point of the ray adds (``pulled``). ``δlog``: adjoint of ln g, of each."""
         assert met.point
         types, δw = array_types(), [0, 0, 0]
@@ -84,17 +82,17 @@ class Adjoints:
             δw = [a + δ * n for a, n in zip(δw, cut.normal, strict=True)]
         return pulled(met.point, met.primary.offset, δw)
 
-    def _add_to_kernel(self, met: Meeting, M: list, pull: list, lo: Any, active: Any) -> None:
+    def _add_to_kernel(self, met: RayMeeting, M: list, pull: list, lo: Any, active: Any) -> None:
         """``pull``: adjoint of M x, x the offset from μ."""
         types = array_types()
         mean = [-dot(pull, [row[c] for row in met.M]) for c in range(3)]
-        if met.shift:
+        if met.shift and self.shifts:
             add_to_shifts(self.shifts, met.shift, mean, active)
         leaf = met.leaf - self.tree.first_leaf
         row = types.Floats([*M, *mean, lo, *[types.Float(0)] * 3])
         dr.scatter_add(self.rows, row, leaf, active, mode=dr.ReduceMode.Local)
 
-    def add_colors(self, met: Meeting, δcolors: list, basis: list, active: Any) -> None:
+    def add_colors(self, met: RayMeeting, δcolors: list, basis: list, active: Any) -> None:
         """Of three channels of radiance."""
         Float, Quad = array_types().Float, array_types().Quad
         values, stride = [b * δ for b in basis for δ in δcolors], self.tree.sh_row
@@ -105,7 +103,7 @@ class Adjoints:
             at = dr.fma(met.splat, stride // size, first // size)
             dr.scatter_add(self.sh, part, at, active, mode=dr.ReduceMode.Local)
 
-    def add_beyond_centre(self, met: Meeting, δcolors: list, active: Any) -> None:
+    def add_beyond_centre(self, met: RayMeeting, δcolors: list, active: Any) -> None:
         """Of three channels of what the colour has beyond that of its centre."""
         assert met.varying and met.point
         add_adjoints(self, met.varying, met.point.w, δcolors, active)
@@ -126,12 +124,12 @@ class Adjoints:
             kernel.append(column)
         dr.eval(kernel)  # what AD adds to a column while its scatter still waits may be lost: docs/performance.md
         sparse = {
-            "pseudo": _columns(self.pseudo, PSEUDO_ROW, 4),
-            "slopes": _columns(self.slopes, SLOPE_ROW, 9),
-            "curvatures": _columns(self.curvatures, CURVATURE_ROW, len(ENTRIES)),
+            "pseudo": [] if self.pseudo is None else columns_of(self.pseudo, PSEUDO_ROW, 4),
+            "slopes": self.slopes.columns() if self.slopes else [],
+            "curvatures": self.curvatures.columns() if self.curvatures else [],
             "normals": [column for normals, plane in zip(self.normals, tree.planes, strict=True)
-                        for column in _columns(normals, CUT_ROW, NORMAL, plane.index)],
-            "shifts": _columns(self.shifts, SHIFT_ROW, 9),
+                        for column in columns_of(normals, CUT_ROW, NORMAL, plane.index)],
+            "shifts": self.shifts.columns() if self.shifts else [],
         }
         return kernel, self.sh, sparse
 
@@ -142,19 +140,21 @@ class Tangents:
     def __init__(self, tree: Tree, kernel: list, sh: Any, sparse: dict[str, list]):
         types = array_types()
         n = dr.width(tree.sh) // tree.sh_row
-        self.tree, self.sh = tree, _wide(sh, dr.width(tree.sh))
-        self.rows = table([_wide(c, n) for c in kernel], ROW)
-        self.pseudo = _table(sparse["pseudo"], PSEUDO_ROW, tree.pseudo, TREE_PSEUDO_ROW)
-        self.slopes = _table(sparse["slopes"], SLOPE_ROW, tree.slopes)
-        self.curvatures = _table(sparse["curvatures"], CURVATURE_ROW, tree.curvatures)
-        self.shifts = _table(sparse["shifts"], SHIFT_ROW, tree.shifts)
+        self.tree, self.sh = tree, wide(sh, dr.width(tree.sh))
+        self.rows, self.pseudo = table([wide(c, n) for c in kernel], ROW), None
+        if tree.pseudo is not None:
+            m = dr.width(tree.pseudo) // TREE_PSEUDO_ROW
+            self.pseudo = table([wide(c, m) for c in sparse["pseudo"]], PSEUDO_ROW)
+        self.slopes = tree.slopes and tree.slopes.tangents(sparse["slopes"])
+        self.curvatures = tree.curvatures and tree.curvatures.tangents(sparse["curvatures"])
+        self.shifts = tree.shifts and tree.shifts.tangents(sparse["shifts"])
         self.normals = []
         for plane, normal in zip(tree.planes, by_plane(sparse["normals"], NORMAL), strict=True):
-            columns = [_wide(c, dr.width(plane.index)) for c in normal]
+            columns = [wide(c, dr.width(plane.index)) for c in normal]
             self.normals.append(rows_of([*columns, types.Float(0)], plane.index, n))
         dr.eval(self.rows, self.pseudo, self.slopes, self.curvatures, self.normals, self.shifts, self.sh)
 
-    def of_alpha(self, met: Meeting, active: Any) -> Any:
+    def of_alpha(self, met: RayMeeting, active: Any) -> Any:
         M, mean, lo = self._of_kernel(met, active)
 
         def of_inside(kernel: Kernel) -> list:
@@ -171,7 +171,7 @@ class Tangents:
         δy = [a * b + δ * c / a for a, b, δ, c in zip(f, of_inside(met.pseudo), inverse, y, strict=True)]
         return δα - _unlimited(met.pseudo, LN2 * (lo - 2 * dot(y, δy)) + δcuts, is_dog)
 
-    def _of_cuts(self, met: Meeting, M: list, inside: list, active: Any) -> Any:
+    def _of_cuts(self, met: RayMeeting, M: list, inside: list, active: Any) -> Any:
         """Of the sum of ln g. ``M``, ``inside``: tangents of M, and of M x of the primary where x stays."""
         δlog = 0
         for normals, cut in zip(self.normals, met.cuts, strict=True):
@@ -181,7 +181,7 @@ class Tangents:
             δlog += cut.falls * (dot(δnormal, met.point.w) + dot(cut.normal, moved(met.point, inside, M, here)))
         return δlog
 
-    def of_beyond_centre(self, met: Meeting, active: Any) -> list:
+    def of_beyond_centre(self, met: RayMeeting, active: Any) -> list:
         """Of what the colour has beyond that of its centre, three channels."""
         assert met.varying and met.point
         w, here = met.point.w, active & met.varying.here
@@ -191,15 +191,15 @@ class Tangents:
         of_values = beyond_centre(self, met.varying, w, active)
         return [a + b for a, b in zip(of_point, of_values, strict=True)]
 
-    def _of_kernel(self, met: Meeting, active: Any) -> tuple[list, list, Any]:
+    def _of_kernel(self, met: RayMeeting, active: Any) -> tuple[list, list, Any]:
         """(M, μ on the ray, lo)"""
         row = read_row(self.rows, met.splat, ROW, 13, active)
         mean = row[9:12]
-        if met.shift:
+        if met.shift and self.shifts:
             mean = [a + b for a, b in zip(mean, moved_by(self.shifts, met.shift, active), strict=True)]
         return [row[0:3], row[3:6], row[6:9]], mean, row[12]
 
-    def of_colors(self, met: Meeting, basis: list, active: Any) -> list:
+    def of_colors(self, met: RayMeeting, basis: list, active: Any) -> list:
         values = read_row(self.sh, met.splat, self.tree.sh_row, 3 * len(basis), active)
         return [sum(b * values[3 * k + channel] for k, b in enumerate(basis)) for channel in range(3)]
 
@@ -207,25 +207,3 @@ class Tangents:
 def _unlimited(kernel: Kernel, δ: Any, active: Any) -> Any:
     """The value times ``δ``, 0 where it is limited."""
     return dr.select(active & (kernel.value < MAX_ALPHA), kernel.value * δ, 0)
-
-
-def _wide(column: Any, n: int) -> Any:
-    """A tangent, which may be a single 0, as an array of its own."""
-    return detached(column) + dr.zeros(array_types().Float, n)
-
-
-def _table(columns: list, stride: int, like: Any, stride_of_like: int | None = None) -> Any:
-    """Tangents of rows of which the tree has the table ``like``; None of None."""
-    if like is None:
-        return None
-    n = dr.width(like) // (stride_of_like or stride)
-    return table([_wide(c, n) for c in columns], stride)
-
-
-def _columns(rows: Any, stride: int, count: int, index: Any = None) -> list:
-    """The first ``count`` columns of a table, none of None; ``index``: of these rows alone."""
-    if rows is None:
-        return []
-    types = array_types()
-    row = dr.arange(types.UInt, dr.width(rows) // stride) if index is None else index
-    return [dr.gather(types.Float, rows, dr.fma(row, stride, k)) for k in range(count)]

@@ -10,29 +10,29 @@ from ..engine.arrays import array_types
 from ..engine.geometry import MAX_T
 from ..engine.rows import read_row
 from ..engine.sh import unit_basis
-from .kernels import Meeting
+from .kernels import RayMeeting
 from .options import TraceOptions
 from .tree import Tree
 from .varying import beyond_centre
-from .visits import Walk, visit_all, visit_in_order
+from .visits import TreeWalk, visit_all, visit_in_order
 
 
-def transmittance(walk: Walk) -> Any:
+def transmittance(walk: TreeWalk) -> Any:
     """Float, 0 where it is below the cutoff; 1 in lanes that are not active."""
     options, low = walk.options, walk.options.cutoffs.transmittance
 
-    def visit(met: Meeting, hit: Any, T: Any) -> tuple:
+    def visit(met: RayMeeting, hit: Any, T: Any) -> tuple:
         return (dr.select(hit, T * (1 - hides(met, options)), T),)
 
     (T,) = visit_all(walk, (_ones(walk),), lambda T: T >= low, visit)
     return dr.select(T >= low, T, 0)
 
 
-def gather(walk: Walk) -> tuple[list, Any]:
+def gather(walk: TreeWalk) -> tuple[list, Any]:
     """(three channels, transmittance left); 0 and 1 in lanes that are not active."""
     options, basis = walk.options, unit_basis(walk.ray.d, walk.options.sh_degree)
 
-    def visit(met: Meeting, walking: Any, T: Any, *colors: Any) -> tuple:
+    def visit(met: RayMeeting, walking: Any, T: Any, *colors: Any) -> tuple:
         walking, T_next = passes(met, walking, T, options)
         weight = dr.select(walking, met.alpha * T, 0)
         seen = [dr.maximum(c, 0) for c in radiance(walk.tree, met, basis, walking)]
@@ -47,18 +47,18 @@ def gather(walk: Walk) -> tuple[list, Any]:
     return colors, T
 
 
-def hides(met: Meeting, options: TraceOptions) -> Any:
+def hides(met: RayMeeting, options: TraceOptions) -> Any:
     """What the transmittance is reduced by."""
     return met.alpha if options.negative_transmittance else dr.maximum(met.alpha, 0)
 
 
-def passes(met: Meeting, walking: Any, T: Any, options: TraceOptions) -> tuple[Any, Any]:
+def passes(met: RayMeeting, walking: Any, T: Any, options: TraceOptions) -> tuple[Any, Any]:
     """(lanes that blend a primitive, the transmittance behind it)"""
     T_next = T * (1 - hides(met, options))
     return walking & (T_next >= options.cutoffs.transmittance) & (T_next <= MAX_T), T_next
 
 
-def radiance(tree: Tree, met: Meeting, basis: list, active: Any) -> list:
+def radiance(tree: Tree, met: RayMeeting, basis: list, active: Any) -> list:
     """SH + 0.5 of the primitive that is met, three channels, not yet kept from below 0."""
     values = read_row(tree.sh, met.splat, tree.sh_row, 3 * len(basis), active)
     channels = []
@@ -70,5 +70,5 @@ def radiance(tree: Tree, met: Meeting, basis: list, active: Any) -> list:
     return channels
 
 
-def _ones(walk: Walk) -> Any:
+def _ones(walk: TreeWalk) -> Any:
     return dr.full(array_types().Float, 1, walk.width)

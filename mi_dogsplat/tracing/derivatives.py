@@ -15,17 +15,17 @@ from ..engine.arrays import array_types
 from ..engine.sh import unit_basis
 from .adjoints import Adjoints, Tangents
 from .blend import hides, passes, radiance
-from .kernels import Meeting
+from .kernels import RayMeeting
 from .varying import beyond_centre
 from .vectors import dot
-from .visits import Walk, visit_all, visit_in_order
+from .visits import TreeWalk, visit_all, visit_in_order
 
 
-def transmittance_backward(walk: Walk, T: Any, δT: Any) -> Adjoints:
+def transmittance_backward(walk: TreeWalk, T: Any, δT: Any) -> Adjoints:
     """``T``: what the walk has found; ``δT``: its adjoint."""
     adjoints = Adjoints(walk.tree)
 
-    def visit(met: Meeting, hit: Any, unused: Any) -> tuple:
+    def visit(met: RayMeeting, hit: Any, unused: Any) -> tuple:
         hidden = hides(met, walk.options)
         adjoints.add_alpha(met, -δT * T / (1 - hidden), hit & (hidden == met.alpha))
         return (unused,)
@@ -35,10 +35,10 @@ def transmittance_backward(walk: Walk, T: Any, δT: Any) -> Adjoints:
     return adjoints
 
 
-def transmittance_forward(walk: Walk, T: Any, tangents: Tangents) -> Any:
+def transmittance_forward(walk: TreeWalk, T: Any, tangents: Tangents) -> Any:
     """Tangent of the transmittance."""
 
-    def visit(met: Meeting, hit: Any, δ: Any) -> tuple:
+    def visit(met: RayMeeting, hit: Any, δ: Any) -> tuple:
         hidden = hides(met, walk.options)
         changes = hit & (hidden == met.alpha)
         return (dr.select(changes, δ - tangents.of_alpha(met, changes) / (1 - hidden), δ),)
@@ -48,11 +48,11 @@ def transmittance_forward(walk: Walk, T: Any, tangents: Tangents) -> Any:
     return δ * T
 
 
-def gather_backward(walk: Walk, colors: list, T: Any, δcolors: list, δT: Any) -> Adjoints:
+def gather_backward(walk: TreeWalk, colors: list, T: Any, δcolors: list, δT: Any) -> Adjoints:
     """``colors``, ``T``: what the walk has found; ``δcolors``, ``δT``: their adjoints."""
     adjoints, basis, last = Adjoints(walk.tree), unit_basis(walk.ray.d, walk.options.sh_degree), δT * T
 
-    def visit(met: Meeting, walking: Any, T: Any, behind: Any) -> tuple:
+    def visit(met: RayMeeting, walking: Any, T: Any, behind: Any) -> tuple:
         walking, T_next = passes(met, walking, T, walk.options)
         seen = radiance(walk.tree, met, basis, walking)
         weight = met.alpha * T
@@ -73,11 +73,11 @@ def gather_backward(walk: Walk, colors: list, T: Any, δcolors: list, δT: Any) 
     return adjoints
 
 
-def gather_forward(walk: Walk, tangents: Tangents) -> tuple[list, Any]:
+def gather_forward(walk: TreeWalk, tangents: Tangents) -> tuple[list, Any]:
     """Tangents of (three channels, transmittance)."""
     basis = unit_basis(walk.ray.d, walk.options.sh_degree)
 
-    def visit(met: Meeting, walking: Any, T: Any, δT: Any, *δcolors: Any) -> tuple:
+    def visit(met: RayMeeting, walking: Any, T: Any, δT: Any, *δcolors: Any) -> tuple:
         walking, T_next = passes(met, walking, T, walk.options)
         seen, δseen = radiance(walk.tree, met, basis, walking), tangents.of_colors(met, basis, walking)
         δα = tangents.of_alpha(met, walking)
@@ -101,5 +101,5 @@ def gather_forward(walk: Walk, tangents: Tangents) -> tuple[list, Any]:
     return δcolors, δT
 
 
-def _zeros(walk: Walk) -> Any:
+def _zeros(walk: TreeWalk) -> Any:
     return dr.zeros(array_types().Float, walk.width)

@@ -42,7 +42,7 @@ class Kernel:
 
 
 @dataclass
-class Meeting:
+class RayMeeting:
     """A primitive on a ray."""
 
     leaf: Any  # UInt, node of the tree
@@ -71,14 +71,14 @@ class Line:
     maxt: Any
 
 
-def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Meeting:
+def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> RayMeeting:
     """The primitive of a leaf, on its ray."""
     types = array_types()
     values = read_row(tree.nodes, node, ROW, ROW, active)
     M, mean, lo = [values[0:3], values[3:6], values[6:9]], values[9:12], values[12]
     dog_row, splat = (cast(Any, dr.reinterpret_array(types.UInt, bits)) for bits in values[13:15])
     shift = read_shift(tree, splat, ray.d, ray.inverse_square, active)
-    if shift:
+    if shift and tree.shifts:
         mean = [c + move for c, move in zip(mean, moved_by(tree.shifts, shift, active), strict=True)]
     away = [o - c for o, c in zip(ray.o, mean, strict=True)]
     near = -dot(away, ray.d) * ray.inverse_square
@@ -99,7 +99,7 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
         alpha = dr.select(is_dog, alpha - dr.minimum(pseudo.value, MAX_ALPHA), alpha)
     alpha = dr.select(abs(alpha) >= cutoffs.alpha, alpha, 0)
     seen = point, varying, cuts, shift
-    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, *seen)
+    return RayMeeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, *seen)
 
 
 def _kernel(o: list, d: list, lo: Any, away: list, world_d: list, cuts: list[Cut]) -> tuple[Kernel, Any]:

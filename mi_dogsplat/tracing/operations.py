@@ -14,14 +14,14 @@ from .options import TraceOptions
 from .primitives import SPARSE, Primitives
 from .rays import Rays
 from .tree import Tree
-from .visits import Walk
+from .visits import TreeWalk
 
 
 class Query:
     """Some rays and what they are asked of, as an object of which Dr.Jit sees nothing: it has no derivative."""
 
     def __init__(self, tree: Tree, options: TraceOptions, rays: Rays):
-        self.rays, self.walk = rays, Walk(tree, rays.line, options, rays.active)
+        self.rays, self.walk = rays, TreeWalk(tree, rays.line, options, rays.active)
 
 
 class _OfPrimitives(dr.CustomOp):

@@ -24,8 +24,9 @@ from ..engine.cuts import END, LEVEL, WHOLE
 from ..engine.project import NO_ROW
 from ..engine.rows import read_row
 from .primitives import PER_DEVIATION
+from .row_tables import Row
 from .tree import CUT_ROW, NONE, Tree
-from .varying import Row, Varying
+from .varying import Varying
 from .vectors import cross, dot
 
 
@@ -73,15 +74,12 @@ def read_own_axes(
 
 def _varying(tree: Tree, slope_bits: Any, splat: Any, active: Any) -> Varying | None:
     """None in a model of which each primitive has one colour."""
-    UInt = array_types().UInt
     slopes = curvatures = None
     if tree.slopes is not None:
-        row = cast(Any, dr.reinterpret_array(UInt, slope_bits))
+        row = cast(Any, dr.reinterpret_array(array_types().UInt, slope_bits))
         slopes = Row(row, (row != NO_ROW) & active)
     if tree.curvatures is not None:
-        there = active & (splat != NONE)
-        row = dr.gather(UInt, tree.curvature_row, splat, there)
-        curvatures = Row(row, (row != NO_ROW) & there)
+        curvatures = tree.curvatures.row_of(splat, active & (splat != NONE))
     return Varying(slopes, curvatures) if slopes or curvatures else None
 
 

@@ -15,11 +15,8 @@ from typing import Any
 
 import drjit as dr
 
-from ..engine.arrays import array_types
-from ..engine.project import NO_ROW
-from ..engine.rows import read_row
-from .tree import NONE, SHIFT_ROW, Tree
-from .varying import Row, add_to_row
+from .row_tables import Row, RowTable
+from .tree import NONE, Tree
 from .vectors import dot
 
 
@@ -38,18 +35,17 @@ def read_shift(tree: Tree, splat: Any, d: list, inverse_square: Any, active: Any
     """
     if tree.shifts is None:
         return None
-    there = active & (splat != NONE)
-    row = dr.gather(array_types().UInt, tree.shift_row, splat, there)
+    row = tree.shifts.row_of(splat, active & (splat != NONE))
     inverse = dr.sqrt(inverse_square)
-    return Shift(Row(row, (row != NO_ROW) & there), [x * inverse for x in d])
+    return Shift(row, [x * inverse for x in d])
 
 
-def moved_by(table: Any, shift: Shift, active: Any) -> list:
+def moved_by(table: RowTable, shift: Shift, active: Any) -> list:
     """G d, or its tangent if the ``table`` is that of tangents; 0 of a primitive that stays where it is."""
-    G = read_row(table, shift.row.at, SHIFT_ROW, 9, shift.row.here & active)
+    G = table.read(shift.row, active)
     return [dot(G[3 * k : 3 * k + 3], shift.direction) for k in range(3)]
 
 
-def add_adjoints(table: Any, shift: Shift, δmean: list, active: Any) -> None:
+def add_adjoints(table: RowTable, shift: Shift, δmean: list, active: Any) -> None:
     """To those of G, where the centre on the ray has the adjoint ``δmean``."""
-    add_to_row(table, SHIFT_ROW, shift.row, [δ * x for δ in δmean for x in shift.direction], active)
+    table.add(shift.row, [δ * x for δ in δmean for x in shift.direction], active)

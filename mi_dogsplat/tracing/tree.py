@@ -20,12 +20,10 @@ from ..engine.cuts import by_plane
 from ..engine.project import NO_ROW
 from .bounds import bounds_of
 from .primitives import Primitives
+from .row_tables import RowTable
 
 ROW = 16  # floats: of an inner node its children's boxes; of a leaf M, μ, lo, and as bits DoG row, primitive, slope row
 PSEUDO_ROW = 8  # floats: F⁻¹, weights of the common ellipsoid, lo_p; one is free
-SLOPE_ROW = 12  # floats: slopes, axis by axis; three are free
-CURVATURE_ROW = 8  # floats: the six of a row; two are free
-SHIFT_ROW = 12  # floats: G (``shifts.py``), row by row; three are free
 CUT_ROW = 4  # floats, of each plane: normal of the cut, and 1 where there is one
 NONE = 0xFFFFFFFF  # primitive of an empty leaf
 FAR = 1e30  # where the boxes of empty nodes are, points that no ray passes
@@ -48,12 +46,10 @@ class Tree:
     n_leaves: int
     splat_from_leaf: Any  # UInt [n_leaves], NONE where it is empty
     pseudo: Any  # Float [M, PSEUDO_ROW], or None without DoG
-    slopes: Any  # Float [S, SLOPE_ROW], or None without slopes
-    curvatures: Any  # Float [B, CURVATURE_ROW], or None without curvatures
-    curvature_row: Any  # UInt [N] row of the curvatures or NO_ROW; None without
+    slopes: RowTable | None  # axis by axis, three channels each
+    curvatures: RowTable | None  # the six entries of Q
     planes: list[PlaneTable]
-    shifts: Any  # Float [V, SHIFT_ROW], or None without shifts
-    shift_row: Any  # UInt [N] row of the shifts or NO_ROW; None without
+    shifts: RowTable | None  # G (``shifts.py``), row by row
     sh: Any  # Float [N, K, 3]
     sh_row: int  # 3 K
     middle: list  # of the root's box
@@ -96,21 +92,14 @@ def build(primitives: Primitives, log2_range: float) -> Tree | None:
     middle = [0.5 * (a + b) for a, b in zip(low, high, strict=True)]
     size = [b - a for a, b in zip(low, high, strict=True)]
     pseudo, planes = _pseudo_table(primitives, bounds.weights), _plane_tables(primitives)
-    slopes, curvatures, shifts = (
-        table(detached(columns), stride) if columns else None
-        for columns, stride in (
-            (primitives.slopes, SLOPE_ROW), (primitives.curvatures, CURVATURE_ROW), (primitives.shifts, SHIFT_ROW)
-        )
-    )  # fmt: skip
-    curvature_row, shift_row = (
-        None if row is None else detached(row) for row in (primitives.curvature_row, primitives.shift_row)
-    )
+    slopes, curvatures = RowTable.of(primitives.slopes), RowTable.of(primitives.curvatures, primitives.curvature_row)
+    shifts = RowTable.of(primitives.shifts, primitives.shift_row)
     sh = detached(primitives.sh)
     dr.make_opaque(middle, size)
-    dr.eval(nodes, pseudo, slopes, curvatures, curvature_row, [plane.rows for plane in planes], shifts, shift_row, sh)
+    dr.eval(nodes, pseudo, slopes, curvatures, [plane.rows for plane in planes], shifts, sh)
     sh_row = dr.width(sh) // dr.width(primitives.lo)
-    sparse = pseudo, slopes, curvatures, curvature_row, planes, shifts, shift_row
-    return Tree(nodes, leaves, splat_from_leaf, *sparse, sh, sh_row, middle, size)
+    of_some = pseudo, slopes, curvatures, planes, shifts
+    return Tree(nodes, leaves, splat_from_leaf, *of_some, sh, sh_row, middle, size)
 
 
 def _pseudo_table(primitives: Primitives, weights: list) -> Any:
@@ -133,15 +122,6 @@ def _plane_tables(primitives: Primitives) -> list[PlaneTable]:
         one = dr.full(array_types().Float, 1, dr.width(index))
         planes.append(PlaneTable(rows_of([*detached(normal), one], index, dr.width(primitives.lo)), index))
     return planes
-
-
-def table(columns: list, stride: int) -> Any:
-    """Columns [n] as a row-major table with rows of ``stride`` floats, zeros beyond them."""
-    types, n = array_types(), dr.width(columns[0])
-    rows, row = dr.zeros(types.Float, n * stride), dr.arange(types.UInt, n)
-    for k, column in enumerate(columns):
-        dr.scatter(rows, column, dr.fma(row, stride, k), mode=dr.ReduceMode.Permute)
-    return rows
 
 
 def rows_of(columns: list, index: Any, n: int) -> Any:

@@ -9,21 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import drjit as dr
-
-from ..engine.arrays import array_types
-from ..engine.rows import read_row
 from ..scene.curvatures import ENTRIES, OF_MATRIX
-from .tree import CURVATURE_ROW, SLOPE_ROW
+from .row_tables import Row, RowTable
 from .vectors import dot
-
-
-@dataclass
-class Row:
-    """Of a primitive in a table that has one for some primitives only."""
-
-    at: Any  # UInt
-    here: Any  # Bool, whether there is one
 
 
 @dataclass
@@ -40,30 +28,30 @@ class Varying:
         return first | rest[0] if rest else first
 
 
-class Tables(Protocol):
-    """Values, or their adjoints or tangents; None in a model without."""
+class VaryingTables(Protocol):
+    """Values, or their adjoints or tangents: a tree's own, ``Adjoints`` or ``Tangents``."""
 
-    slopes: Any  # Float [S, SLOPE_ROW]
-    curvatures: Any  # Float [B, CURVATURE_ROW]
+    slopes: RowTable | None
+    curvatures: RowTable | None
 
 
-def beyond_centre(tables: Tables, varying: Varying, w: list, active: Any) -> list:
+def beyond_centre(tables: VaryingTables, varying: Varying, w: list, active: Any) -> list:
     """What the colour has at ``w`` beyond that of its centre; three channels, not limited."""
     found = []
-    if varying.slopes:
-        found.append(along(w, _slopes(tables, varying.slopes, active)))
-    if varying.curvatures:
-        found.append([0.5 * dot(w, _curved(tables, varying.curvatures, w, active))] * 3)
+    if varying.slopes and tables.slopes:
+        found.append(along(w, _slopes(tables.slopes, varying.slopes, active)))
+    if varying.curvatures and tables.curvatures:
+        found.append([0.5 * dot(w, _curved(tables.curvatures, varying.curvatures, w, active))] * 3)
     return _sum(found)
 
 
-def by_point(tables: Tables, varying: Varying, w: list, active: Any) -> list:
+def by_point(tables: VaryingTables, varying: Varying, w: list, active: Any) -> list:
     """The derivative of that by w: three axes of three channels."""
     found = []
-    if varying.slopes:
-        found += _slopes(tables, varying.slopes, active)
-    if varying.curvatures:
-        curved = [[steep] * 3 for steep in _curved(tables, varying.curvatures, w, active)]
+    if varying.slopes and tables.slopes:
+        found += _slopes(tables.slopes, varying.slopes, active)
+    if varying.curvatures and tables.curvatures:
+        curved = [[steep] * 3 for steep in _curved(tables.curvatures, varying.curvatures, w, active)]
         found = [_sum([a, b]) for a, b in zip(found, curved, strict=True)] if found else curved
     return found
 
@@ -73,35 +61,26 @@ def along(w: list, steepness: list) -> list:
     return [dot(w, [axis[channel] for axis in steepness]) for channel in range(3)]
 
 
-def add_adjoints(tables: Tables, varying: Varying, w: list, δcolors: list, active: Any) -> None:
+def add_adjoints(tables: VaryingTables, varying: Varying, w: list, δcolors: list, active: Any) -> None:
     """What three channels of ``beyond_centre`` add to those of the values, where these have adjoints ``δcolors``."""
-    if varying.slopes:
-        add_to_row(tables.slopes, SLOPE_ROW, varying.slopes, [x * δ for x in w for δ in δcolors], active)
-    if varying.curvatures:
+    if varying.slopes and tables.slopes:
+        tables.slopes.add(varying.slopes, [x * δ for x in w for δ in δcolors], active)
+    if varying.curvatures and tables.curvatures:
         δ = sum(δcolors)
         squares = [w[a] * w[b] * (0.5 * δ if a == b else δ) for a, b in ENTRIES]
-        add_to_row(tables.curvatures, CURVATURE_ROW, varying.curvatures, squares, active)
+        tables.curvatures.add(varying.curvatures, squares, active)
 
 
-def _slopes(tables: Tables, row: Row, active: Any) -> list:
+def _slopes(table: RowTable, row: Row, active: Any) -> list:
     """Three axes of three channels; 0 where there are none."""
-    values = read_row(tables.slopes, row.at, SLOPE_ROW, 9, row.here & active)
+    values = table.read(row, active)
     return [values[0:3], values[3:6], values[6:9]]
 
 
-def _curved(tables: Tables, row: Row, w: list, active: Any) -> list:
+def _curved(table: RowTable, row: Row, w: list, active: Any) -> list:
     """Q w; 0 where there is no Q."""
-    entries = read_row(tables.curvatures, row.at, CURVATURE_ROW, len(ENTRIES), row.here & active)
+    entries = table.read(row, active)
     return [dot(w, [entries[k] for k in of_axis]) for of_axis in OF_MATRIX]
-
-
-def add_to_row(table: Any, stride: int, row: Row, values: list, active: Any) -> None:
-    """``values`` to the first entries of a row of ``stride`` floats, a multiple of four."""
-    types, here = array_types(), active & row.here
-    values = values + [types.Float(0)] * (stride - len(values))
-    for k in range(stride // 4):
-        part, at = types.Quad(*values[4 * k : 4 * k + 4]), dr.fma(row.at, stride // 4, k)
-        dr.scatter_add(table, part, at, here, mode=dr.ReduceMode.Local)
 
 
 def _sum(vectors: list) -> list:

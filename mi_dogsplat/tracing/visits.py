@@ -16,7 +16,7 @@ import drjit as dr
 
 from ..engine.arrays import array_types, if_stmt, while_loop
 from .descent import T_SLACK, Children, children, inverse_direction, next_place, root
-from .kernels import Line, Meeting, meet
+from .kernels import Line, RayMeeting, meet
 from .options import TraceOptions
 from .tree import Tree
 
@@ -27,8 +27,8 @@ Visit = Callable[..., tuple]
 
 
 @dataclass
-class Walk:
-    """Rays through a tree."""
+class TreeWalk:
+    """Rays on their way through a tree."""
 
     tree: Tree
     ray: Line
@@ -39,12 +39,12 @@ class Walk:
     def width(self) -> int:
         return dr.width(self.active)
 
-    def meet(self, node: Any, active: Any) -> Meeting:
+    def meet(self, node: Any, active: Any) -> RayMeeting:
         """The primitive of a leaf."""
         return meet(self.tree, node, self.ray, self.options.cutoffs, active)
 
 
-def visit_all(walk: Walk, state: tuple, goes_on: Callable[..., Any], visit: Visit) -> tuple:
+def visit_all(walk: TreeWalk, state: tuple, goes_on: Callable[..., Any], visit: Visit) -> tuple:
     """Every primitive between 0 and ``ray.maxt`` with an alpha, in any order.
 
     ``visit(meeting, hit, *state)`` returns the next state; in lanes that are not ``hit`` there is nothing to see. A
@@ -73,7 +73,7 @@ def visit_all(walk: Walk, state: tuple, goes_on: Callable[..., Any], visit: Visi
     return while_loop((*root(walk.active), *state), cond, body, "all")[2:]
 
 
-def visit_in_order(walk: Walk, state: tuple, visit: Visit) -> tuple:
+def visit_in_order(walk: TreeWalk, state: tuple, visit: Visit) -> tuple:
     """The same primitives, nearest first.
 
     ``visit(meeting, walking, *state)`` returns (whether the lane goes on, *the next state).
@@ -103,7 +103,7 @@ def key_type() -> Any:
     return dr.uint64_array_t(array_types().Float)
 
 
-def _nearest(walk: Walk, inverse: list, walking: Any, last: Any, buffer: Any) -> Any:
+def _nearest(walk: TreeWalk, inverse: list, walking: Any, last: Any, buffer: Any) -> Any:
     """``buffer`` with the keys of the nearest primitives behind ``last``, in order, NOTHING where there are no more."""
     types, tree, ray = array_types(), walk.tree, walk.ray
     Key, first_leaf = key_type(), tree.first_leaf
@@ -138,7 +138,7 @@ def _nearest(walk: Walk, inverse: list, walking: Any, last: Any, buffer: Any) ->
     return while_loop((*root(walking), ray.maxt, buffer), lambda node, *_: node != 0, body, "nearest")[3]
 
 
-def _counts(met: Meeting, ray: Line) -> Any:
+def _counts(met: RayMeeting, ray: Line) -> Any:
     """Whether a primitive lies on the segment and is not below the cutoff."""
     return (met.t > 0) & (met.t < ray.maxt) & (met.alpha != 0)
 

@@ -26,7 +26,7 @@ from .images.photographs import Photographs
 from .memory_budget import budget
 from .optimizer.learning_rates import LearningRates, Refinement
 from .optimizer.splat_optimizer import SplatOptimizer
-from .quantisation.quantiser import Quantiser, Tables
+from .quantisation.quantiser import Coding, Quantiser
 
 GAINS = Refinement(start=0, gain=2.0, end_gain=0.1, means_gain=4.0)  # on the step sizes of 3DGS
 
@@ -86,17 +86,17 @@ def fit(
     options = RasterOptions(sh_degree=splats.sh_degree, antialiased=look.antialiased)
     order: list[int] = []
     rng = np.random.default_rng(seed)
-    tables = Tables()
+    coding = Coding()
     if quantiser:
-        optimizer.followers.append(lambda index, fresh: tables.rearrange(index))
+        optimizer.followers.append(lambda index, fresh: coding.rearrange(index))
     for step in range(steps):
         optimizer.schedule(step)
         order = order or rng.permutation(len(views)).tolist()
         view = order.pop()
         params = optimizer.params
         if quantiser:
-            quantiser.before_step(tables, optimizer, shown.cameras, options, step, steps)
-            params = quantiser.params(tables, optimizer.params, optimizer.bands)
+            quantiser.before_step(coding, optimizer, shown.cameras, options, step, steps)
+            params = quantiser.params(coding, optimizer.params, optimizer.bands)
         planes = shown.over_background(rasterize(params, shown.cameras[view], options))
         _, loss, gradient = shown.compare(planes, view, step)
         backward(planes, [mi.Float(δ) for δ in gradient])
@@ -104,6 +104,6 @@ def fit(
         if after_step:
             after_step(step + 1, float(loss[0]))
     if quantiser:
-        quantiser.settle(tables, optimizer)
+        quantiser.settle(coding, optimizer)
     fitted = optimizer.to_splats()
     return fitted if look.white is None else brightened(fitted, look.white)

@@ -19,9 +19,9 @@ from mi_dogsplat.engine.parameters import device_array, upload
 from mi_dogsplat.engine.project import NO_ROW
 from mi_dogsplat.engine.projected import replayed
 from mi_dogsplat.engine.view import prepare, prepare_both
+from mi_dogsplat.engine.walks.adjoints import composite_backward
 from mi_dogsplat.engine.walks.aovs import composite_aovs, walked
 from mi_dogsplat.engine.walks.composite import composite, composite_over
-from mi_dogsplat.engine.walks.derivatives import composite_backward
 from mi_dogsplat.engine.walks.fisher import composite_fisher, patch_blocks
 from mi_dogsplat.engine.walks.pixels import Planes
 from mi_dogsplat.engine.walks.score import Sums, composite_score

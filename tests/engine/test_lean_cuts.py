@@ -9,7 +9,7 @@ import pytest
 from launches import kernels as launched_kernels
 from lean_calls import backward, forget_recordings, forward, stages
 from mi_dogsplat.engine.curvatures import curved_slope
-from mi_dogsplat.engine.walks import block_sums, derivatives, walk
+from mi_dogsplat.engine.walks import block_sums, tangents, walk
 from mi_dogsplat.scene.row_groups import CUTS, PLANES, SECOND_CUTS, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from sloped_models import with_curvatures
@@ -119,7 +119,7 @@ def test_how_steep_a_brightness_is_at_a_pixel_is_for_derivatives_alone(monkeypat
         asked.append(given)
         return curved_slope(*given)
 
-    for module in (block_sums, derivatives, walk):
+    for module in (block_sums, tangents, walk):
         monkeypatch.setattr(module, "curved_slope", watched, raising=False)
     forget_recordings()
     forward(model(CURVED))()

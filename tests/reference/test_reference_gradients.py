@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.reference import walk as reference_walk
+from mi_dogsplat.reference import blending
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from splat_scenes import constant_layers, make_camera, make_splats, random_splats, tilted_camera
@@ -29,7 +29,7 @@ def test_the_image_and_T_are_those_of_the_plain_twin(dog_share, smooth, choices)
 
 def test_the_image_of_2000_primitives_is_that_of_the_plain_twin():
     splats, camera = random_splats(2000, seed=2, degree=1), tilted_camera(64, 48)
-    blocks = list(reference_walk.blocks(reference.project(splats, camera), camera, 1 / 255))
+    blocks = list(blending.blocks(reference.project(splats, camera), camera, 1 / 255))
     assert len(blocks) == 12 and 10 < min(len(b.splats) for b in blocks) < max(len(b.splats) for b in blocks) < 1500
     assert_images_equal(splats, camera)
 
@@ -37,8 +37,8 @@ def test_the_image_of_2000_primitives_is_that_of_the_plain_twin():
 def test_tiles_with_long_lists_are_halved_and_nothing_changes(monkeypatch):
     splats, adjoint = random_splats(300, seed=2, degree=1), adjoint_of(SMALL)
     whole = gradients_tiled(splats, SMALL, adjoint)
-    monkeypatch.setattr(reference_walk, "MAX_PAIRS", 1 << 12)
-    heights = {b.dy.shape[1] for b in reference_walk.blocks(reference.project(splats, SMALL), SMALL, 1 / 255)}
+    monkeypatch.setattr(blending, "MAX_PAIRS", 1 << 12)
+    heights = {b.dy.shape[1] for b in blending.blocks(reference.project(splats, SMALL), SMALL, 1 / 255)}
     assert max(heights) < 16 and len(heights) > 1
     assert_images_equal(splats, SMALL)
     assert_gradients_equal(gradients_tiled(splats, SMALL, adjoint), whole, rtol=1e-11)

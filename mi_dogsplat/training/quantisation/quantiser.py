@@ -31,14 +31,14 @@ LEAST_WEIGHT = 1e-3  # of what no view sees
 
 
 @dataclass
-class Tables:
-    """What the numbers are rounded to; empty before ``Quantiser.before_step``."""
+class Coding:
+    """What the numbers are rounded to, grids and a palette; empty before ``Quantiser.before_step``."""
 
-    extents: np.ndarray = field(default_factory=lambda: np.zeros(0))  # ``Extents.numbers``
+    extents: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of the grids, ``Extents.numbers``
     entries: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))  # of the palette
     degrees: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    labels: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    labels: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))  # entry of each primitive
+    weights: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of each primitive in the views
 
     def __post_init__(self) -> None:
         self.on_device: tuple[np.ndarray, StraightThrough] | None = None  # and the labels that it is made of
@@ -63,53 +63,53 @@ class Quantiser:
 
     def before_step(
         self,
-        tables: Tables,
+        coding: Coding,
         optimizer: SplatOptimizer,
         cameras: Sequence[DeviceCamera],
         options: RasterOptions,
         step: int,
         of: int,
     ) -> None:
-        """Make the tables where they are due before a step, 0..``of`` - 1, of those that see the file."""
-        if tables.palette is None:
-            self._begin(tables, optimizer, cameras, options)
-        kept_bands = np.array_equal(tables.degrees[tables.labels], optimizer.sh_degrees)
+        """Renew the coding where that is due before a step, 0..``of`` - 1, of those that see the file."""
+        if coding.palette is None:
+            self._begin(coding, optimizer, cameras, options)
+        kept_bands = np.array_equal(coding.degrees[coding.labels], optimizer.sh_degrees)
         moving = (1 - SETTLED) * of
         if not kept_bands or (step <= moving and step % max(1, round(moving / ROUNDS)) == 0):
             splats = optimizer.to_splats()
-            tables.extents = Extents.of(splats, optimizer.curve is not None).numbers
-            before = tables.palette if kept_bands else None
+            coding.extents = Extents.of(splats, optimizer.curve is not None).numbers
+            before = coding.palette if kept_bands else None
             rounds = 1 if before else LLOYD_ROUNDS
-            new = self._grids(tables).palette(splats, self._steps.entries, tables.weights, before, rounds)
-            tables.entries, tables.degrees, tables.labels = new.entries, new.degrees, new.labels
+            new = self._grids(coding).palette(splats, self._steps.entries, coding.weights, before, rounds)
+            coding.entries, coding.degrees, coding.labels = new.entries, new.degrees, new.labels
 
-    def params(self, tables: Tables, params: dict, bands: Sequence[str]) -> dict:
+    def params(self, coding: Coding, params: dict, bands: Sequence[str]) -> dict:
         """What is rendered instead of the parameters of an optimizer with these ``bands``."""
-        if tables.palette is None:
+        if coding.palette is None:
             return params
-        if tables.on_device is None or tables.on_device[0] is not tables.labels:
-            tables.on_device = tables.labels, StraightThrough(self._grids(tables), tables.palette, bands)
-        return tables.on_device[1](params)
+        if coding.on_device is None or coding.on_device[0] is not coding.labels:
+            coding.on_device = coding.labels, StraightThrough(self._grids(coding), coding.palette, bands)
+        return coding.on_device[1](params)
 
-    def settle(self, tables: Tables, optimizer: SplatOptimizer) -> None:
+    def settle(self, coding: Coding, optimizer: SplatOptimizer) -> None:
         """Make the model that of its file, without primitives that can never be seen.
 
         SOG's positions lie between those that are outermost now: they are rounded anew, by less than a step. Raises
         ``DataError`` where every primitive has faded.
         """
-        if tables.palette is None:
+        if coding.palette is None:
             return
-        opacities = self._grids(tables).logit_opacities.snap(optimizer.numpy("logit_opacities"))
+        opacities = self._grids(coding).logit_opacities.snap(optimizer.numpy("logit_opacities"))
         drop_faded(optimizer, sigmoid(opacities.astype(np.float64)))
         splats = optimizer.to_splats()
-        tables.extents = Extents.of(splats, optimizer.curve is not None).numbers
-        splats = self._grids(tables).snap(splats, tables.palette)
+        coding.extents = Extents.of(splats, optimizer.curve is not None).numbers
+        splats = self._grids(coding).snap(splats, coding.palette)
         arrays = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
         for name, values in (arrays | {"sh_dc": splats.sh_coeffs[:, 0]} | bands_of(splats)).items():
             optimizer.assign(name, values.reshape(optimizer.numpy(name).shape))
 
     def _begin(
-        self, tables: Tables, optimizer: SplatOptimizer, cameras: Sequence[DeviceCamera], options: RasterOptions
+        self, coding: Coding, optimizer: SplatOptimizer, cameras: Sequence[DeviceCamera], options: RasterOptions
     ) -> None:
         """Of the ways to write a rotation down take the shortest: the moments of the others mean nothing then."""
         held = {"slopes": (SLOPES, CURVATURES), "cuts": PLANES, "shifts": (SHIFTS,)}
@@ -121,11 +121,11 @@ class Quantiser:
             optimizer.assign(name, getattr(splats, name))
             optimizer.reset_moments(name)
         found = weights(optimizer.params, list(cameras), options).total
-        tables.weights = np.maximum(found, LEAST_WEIGHT)
+        coding.weights = np.maximum(found, LEAST_WEIGHT)
 
     @property
     def _steps(self) -> Steps:
         return self.steps or STEPS[self.format]
 
-    def _grids(self, tables: Tables) -> FileGrids:
-        return CODED[self.format](Extents.from_numbers(tables.extents), self._steps)
+    def _grids(self, coding: Coding) -> FileGrids:
+        return CODED[self.format](Extents.from_numbers(coding.extents), self._steps)

@@ -11,14 +11,14 @@ import numpy as np
 
 from ...formats.grids import Steps
 from ..events import Event, Quantised
-from ..quantisation.quantiser import Quantiser, Tables
+from ..quantisation.quantiser import Coding, Quantiser
 from .strategy import Strategy, Training
 
 SHARE = 0.2  # of the run
 
 
 @dataclass(frozen=True)
-class Quantisation(Strategy[Tables]):
+class Quantisation(Strategy[Coding]):
     """Straight-through quantisation for a format of ``formats/coded.py``."""
 
     format: str
@@ -29,22 +29,22 @@ class Quantisation(Strategy[Tables]):
         """That does it."""
         return Quantiser(self.format, self.steps)
 
-    def new_state(self, t: Training) -> Tables:
-        return Tables()
+    def new_state(self, t: Training) -> Coding:
+        return Coding()
 
-    def before_step(self, t: Training, state: Tables) -> None:
+    def before_step(self, t: Training, state: Coding) -> None:
         of = max(1, round(SHARE * t.steps))
         step = t.step_count - (t.steps - of)
         if step >= 0:
             self.quantiser.before_step(state, t.optimizer, t.photographs.cameras, t.options, step, of)
 
-    def params(self, t: Training, state: Tables, params: dict) -> dict:
+    def params(self, t: Training, state: Coding, params: dict) -> dict:
         return self.quantiser.params(state, params, t.optimizer.bands)
 
-    def rearranged(self, state: Tables, index: np.ndarray, fresh: np.ndarray) -> None:
+    def rearranged(self, state: Coding, index: np.ndarray, fresh: np.ndarray) -> None:
         state.rearrange(index)
 
-    def after_step(self, t: Training, state: Tables) -> list[Event]:
+    def after_step(self, t: Training, state: Coding) -> list[Event]:
         if t.step_count < t.steps or state.palette is None:
             return []
         self.quantiser.settle(state, t.optimizer)

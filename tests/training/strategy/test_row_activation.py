@@ -14,7 +14,7 @@ from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, 
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
-from mi_dogsplat.training.quantisation.quantiser import Quantiser, Tables
+from mi_dogsplat.training.quantisation.quantiser import Coding, Quantiser
 from mi_dogsplat.training.strategy.cut_activation import CutRule, SecondCutActivation, largest_change
 from mi_dogsplat.training.strategy.dog_control import DogRule, activate
 from mi_dogsplat.training.strategy.row_activation import RowRule, give_rows
@@ -126,7 +126,7 @@ def test_what_sees_a_model_as_such_a_file_refuses_rows(group: RowGroup, with_row
     optimizer, camera = optimizer_of(with_rows(model())), DeviceCamera.upload(CAMERA)
     words = "cuts" if group in PLANES else "slopes"
     with pytest.raises(ValueError, match=rf"Quantiser: spz holds no {words}; begin with Splats.without_{words}\(\)"):
-        Quantiser("spz").before_step(Tables(), optimizer, [camera], options(model()), 0, 10)
+        Quantiser("spz").before_step(Coding(), optimizer, [camera], options(model()), 0, 10)
 
 
 # --- second planes ---

@@ -13,7 +13,7 @@ from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
-from mi_dogsplat.training.quantisation.quantiser import Quantiser, Tables
+from mi_dogsplat.training.quantisation.quantiser import Coding, Quantiser
 from mi_dogsplat.training.strategy.shift_activation import ShiftActivation, ShiftControl, ShiftRule, shown_shifts
 from same_numbers import assert_same_numbers
 from shifted_models import with_shifts
@@ -121,4 +121,4 @@ def test_what_sees_a_model_as_a_file_without_them_refuses_them():
     splats = with_shifts(random_splats(6, degree=1, dog_share=0))
     camera = DeviceCamera.upload(CAMERAS[0])
     with pytest.raises(ValueError, match=r"Quantiser: spz holds no shifts; begin with Splats.without_shifts\(\)"):
-        Quantiser("spz").before_step(Tables(), optimizer_of(replace(splats)), [camera], options(splats), 0, 10)
+        Quantiser("spz").before_step(Coding(), optimizer_of(replace(splats)), [camera], options(splats), 0, 10)

@@ -98,8 +98,8 @@ class Cut:
         return log_kept_slope(self.in_x + self.in_y)
 
 
-class Walk:
-    """One block's pixels, front to back; arrays are [n, h, w].
+class Blending:
+    """The pixels of a block, blended front to back; arrays are [n, h, w].
 
     `moved`: each comparison with a cutoff is made stricter by this share of the cutoff and by what float32 may have
     rounded on the way there, or, where it is negative, more lenient by as much.
