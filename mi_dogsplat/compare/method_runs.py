@@ -57,7 +57,10 @@ def _recipe_in(folder: Path) -> Any:
     path = folder / RECIPE
     known = read_object(path, REMEDY) if path.exists() else None
     if known and isinstance(known.get("recipe"), dict):
-        known["recipe"] = json.loads(json.dumps(dataclasses.asdict(Recipe()))) | known["recipe"]
+        recipe = json.loads(json.dumps(dataclasses.asdict(Recipe()))) | known["recipe"]
+        if isinstance(recipe["score"], dict):
+            recipe["score"].pop("curve", None)  # which no recipe has set, and a score of an earlier version had
+        known["recipe"] = recipe
     return known
 
 
