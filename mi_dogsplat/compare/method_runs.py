@@ -13,11 +13,9 @@ from typing import Any
 from ..datasets import Dataset
 from ..datasets.dataset import View
 from ..datasets.masks import Masks
-from ..engine.options import RasterOptions
-from ..engine.parameters import upload
 from ..formats.read import read_model
 from ..measure.evaluate import render_milliseconds_in_turn
-from ..render.picture import Picture, background_color, render_picture
+from ..render.picture import Picture, background_color, picture_of
 from ..report.run_folder import DOG_PROFILE, METRICS, MODEL, RECIPE, RENDER_MS
 from ..report.write import write_report
 from ..runs.checkpoint import CHECKPOINT
@@ -96,9 +94,8 @@ def _drawing(folder: Path, config: TrainConfig, background: float) -> Callable[[
     """Renders views of the model in a run folder."""
     model = read_model(folder / MODEL)
     drawn = drawn_as(Drawing(config.antialiased, config.near_clip), model.drawing)
-    options, params = RasterOptions(model.splats.sh_degree, drawn.antialiased), upload(model.splats)
-    how = {"linear": drawn.linear, "white": drawn.white}
-    return lambda view: render_picture(params, view.camera, options, background, drawn.near_clip, **how)
+    picture = picture_of(model.splats, background, drawn)
+    return lambda view: picture(view.camera)
 
 
 def _compare_without_dog(

@@ -27,7 +27,7 @@ from ..formats.model import Model
 from ..formats.sizes import FileKind
 from ..render.picture import Picture, background_color, render_picture
 from ..scene.appearance import Appearance
-from ..scene.drawing import Drawing
+from ..scene.drawing import Drawing, DrawnAs
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..scores.score import Score
@@ -230,9 +230,9 @@ class Trainer:
 
     def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""
-        how = replace(self.options, depth=depth), self.background, self.near_clip
-        white = self.dataset.white
-        found = render_picture(self.optimizer.params, view.camera, *how, linear=white is not None)
+        white, options = self.dataset.white, replace(self.options, depth=depth)
+        drawn = DrawnAs(self.config.antialiased, self.near_clip, linear=white is not None)  # in units of white
+        found = render_picture(self.optimizer.params, view.camera, options, self.background, drawn)
         return found if white is None or found.radiance is None else found.in_units_of(white)
 
     def appearance(self) -> Appearance | None:

@@ -9,6 +9,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.inspection.unneeded import FADED, Unneeded, used_sh_degrees
 from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.splats import Splats
 from own_axes_models import CURVED, EACH_PLANE, KINDS, PLANE_KINDS, SHIFTED, SLOPED, Kind
 from row_kinds import of_each
@@ -18,9 +19,9 @@ CUTOFF = 1 / 255
 
 
 def pictures(splats: Splats, antialiased=False) -> list[np.ndarray]:
-    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased)
+    options = RasterOptions(sh_degree=splats.sh_degree)
     params = upload(splats)
-    return [render_picture(params, camera, options, 0.3).color for camera in tiny_data.cameras()]
+    return [render_picture(params, camera, options, 0.3, DrawnAs(antialiased)).color for camera in tiny_data.cameras()]
 
 
 def wasteful(seed=0) -> Splats:
