@@ -31,6 +31,7 @@ from mi_dogsplat.engine.parameters import device_array
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture import photograph, render_picture, seen_as
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
@@ -120,9 +121,9 @@ class Problem:
         return found / (PROBES * len(views))
 
     def validation_psnr(self) -> float:
-        found = []
+        found, drawn = [], DrawnAs(near_clip=self.near_clip)
         for view in self.dataset.test:
-            picture = render_picture(self.jacobian.params, view.camera, self.options, self.background, self.near_clip)
+            picture = render_picture(self.jacobian.params, view.camera, self.options, self.background, drawn)
             found.append(psnr(seen_as(picture, view), photograph(view, self.background)))
         return float(np.mean(found))
 

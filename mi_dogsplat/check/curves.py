@@ -13,6 +13,7 @@ from ..engine.options import RasterOptions
 from ..engine.parameters import upload
 from ..scene.splats import Splats
 from ..scores.score import ScoreRule
+from ..scores.training_views import TrainingViews
 from .scenes import Scene
 
 ALPHA = {"1/64": 1 / 64, "1/128": 1 / 128, "1/255": 1 / 255, "1/512": 1 / 512, "1/1024": 2**-10, "1/4096": 2**-12,
@@ -64,7 +65,8 @@ def points_of(scene: Scene) -> list[Point]:
     default = RasterOptions(sh_degree=splats.sh_degree, antialiased=scene.antialiased)
     whole = Subset.of(splats, np.arange(splats.n_splats))
     camera = DeviceCamera.upload(scene.camera, scene.near_clip)
-    order = np.argsort(-LEAVE_ONE_OUT(whole.params, [camera], default, scene.background, 0), kind="stable")
+    view = TrainingViews([camera], default, scene.background)
+    order = np.argsort(-LEAVE_ONE_OUT(whole.params, view, seed=0), kind="stable")
 
     def best(share: float) -> Subset:
         rows = np.sort(order[: max(1, round(share * splats.n_splats))])

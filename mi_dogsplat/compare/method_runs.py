@@ -13,11 +13,9 @@ from typing import Any
 from ..datasets import Dataset
 from ..datasets.dataset import View
 from ..datasets.masks import Masks
-from ..engine.options import RasterOptions
-from ..engine.parameters import upload
 from ..formats.read import read_model
 from ..measure.evaluate import render_milliseconds_in_turn
-from ..render.picture import Picture, background_color, render_picture
+from ..render.picture import Picture, background_color, picture_of
 from ..report.run_folder import DOG_PROFILE, METRICS, MODEL, RECIPE, RENDER_MS
 from ..report.write import write_report
 from ..runs.checkpoint import CHECKPOINT
@@ -57,7 +55,10 @@ def _recipe_in(folder: Path) -> Any:
     path = folder / RECIPE
     known = read_object(path, REMEDY) if path.exists() else None
     if known and isinstance(known.get("recipe"), dict):
-        known["recipe"] = json.loads(json.dumps(dataclasses.asdict(Recipe()))) | known["recipe"]
+        recipe = json.loads(json.dumps(dataclasses.asdict(Recipe()))) | known["recipe"]
+        if isinstance(recipe["score"], dict):
+            recipe["score"].pop("curve", None)  # which no recipe has set, and a score of an earlier version had
+        known["recipe"] = recipe
     return known
 
 
@@ -93,9 +94,8 @@ def _drawing(folder: Path, config: TrainConfig, background: float) -> Callable[[
     """Renders views of the model in a run folder."""
     model = read_model(folder / MODEL)
     drawn = drawn_as(Drawing(config.antialiased, config.near_clip), model.drawing)
-    options, params = RasterOptions(model.splats.sh_degree, drawn.antialiased), upload(model.splats)
-    how = {"linear": drawn.linear, "white": drawn.white}
-    return lambda view: render_picture(params, view.camera, options, background, drawn.near_clip, **how)
+    picture = picture_of(model.splats, background, drawn)
+    return lambda view: picture(view.camera)
 
 
 def _compare_without_dog(

@@ -13,6 +13,7 @@ zero SH     the highest bands of primitives whose every coefficient is 0: they a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,27 +31,24 @@ LEAST_ALPHA = Cutoffs().alpha * (1 - 1e-4)  # below the cutoff by more than the 
 FADED = 2.0**-33  # of f_a o; half of what could round, for the same reason
 FLOAT = 4  # bytes
 GAUSSIAN = 14 * FLOAT  # bytes of a primitive of SH degree 0
+WORDS = {
+    DOG: "DoG without effect",
+    SLOPES: "slopes that are zero",
+    CURVATURES: "curvatures that are zero",
+    CUTS: "cuts that are zero",
+    SECOND_CUTS: "second cuts that are zero",
+    SHIFTS: "shifts that are zero",
+}
 
 
 @dataclass(frozen=True)
 class Unneeded:
-    """What can leave, of a model of N primitives with M rows of DoG, S of slopes, B of curvatures, C of
-    cuts, C2 of second ones and V of shifts."""
+    """What can leave, of a model of N primitives."""
 
     invisible: Array
     """[N] bool"""
-    faded_dog: Array
-    """[M] bool, of primitives that are visible"""
-    zero_slopes: Array
-    """[S] bool, of primitives that are visible"""
-    zero_curvatures: Array
-    """[B] bool, of primitives that are visible"""
-    zero_cuts: Array
-    """[C] bool, of primitives that are visible"""
-    zero_second_cuts: Array
-    """[C2] bool, of primitives that are visible"""
-    zero_shifts: Array
-    """[V] bool, of primitives that are visible"""
+    rows: Mapping[RowGroup, Array]
+    """of each group of ``BESIDE_COLORS`` with M rows: [M] bool, faded or zero, of primitives that are visible"""
     sh_degrees: Array
     """[N] the highest degree with a coefficient that is not zero"""
 
@@ -60,13 +58,9 @@ class Unneeded:
         opacities = largest_alphas(splats)  # [N]
         invisible = ~_finite(splats) | (opacities < LEAST_ALPHA)
         peaks = sigmoid(splats.dog_logit_opacities.astype(np.float64)) * opacities[splats.dog_index]  # [M]
-        faded = (peaks < FADED) & ~invisible[splats.dog_index]
-        flat = ~splats.color_slopes.any(axis=(1, 2)) & ~invisible[splats.slope_index]  # [S]
-        straight = ~splats.brightness_curvatures.any(axis=1) & ~invisible[splats.curvature_index]  # [B]
-        whole = ~splats.cut_normals.any(axis=1) & ~invisible[splats.cut_index]  # [C]
-        once = ~splats.second_cut_normals.any(axis=1) & ~invisible[splats.second_cut_index]  # [C2]
-        still = ~splats.view_shifts.any(axis=(1, 2)) & ~invisible[splats.shift_index]  # [V]
-        return Unneeded(invisible, faded, flat, straight, whole, once, still, used_sh_degrees(splats))
+        idle = {DOG: peaks < FADED} | {group: _zero(splats, group) for group in BESIDE_DOG}
+        rows = {group: found & ~invisible[getattr(splats, group.index)] for group, found in idle.items()}
+        return Unneeded(invisible, rows, used_sh_degrees(splats))
 
     def degrees_left(self, splats: Splats, mixed_sh: bool) -> Array:
         """[N] SH degree of each primitive without its zero bands: its own one, or the same for all (``taken_out``)."""
@@ -83,15 +77,9 @@ class Unneeded:
         """A line for each kind that there is: how many, and how many bytes they take in float32."""
         left = self.degrees_left(splats, mixed_sh)
         bands = 3 * FLOAT * ((splats.sh_degrees + 1) ** 2 - 1)  # [N] bytes above the constant band
-        kinds = [
-            ("invisible primitives", self.invisible, GAUSSIAN + bands),
-            ("DoG without effect", self.faded_dog, _row_bytes(splats.n_dog, DOG)),
-            ("slopes that are zero", self.zero_slopes, _row_bytes(splats.n_slopes, SLOPES)),
-            ("curvatures that are zero", self.zero_curvatures, _row_bytes(splats.n_curvatures, CURVATURES)),
-            ("cuts that are zero", self.zero_cuts, _row_bytes(splats.n_cuts, CUTS)),
-            ("second cuts that are zero", self.zero_second_cuts, _row_bytes(splats.n_second_cuts, SECOND_CUTS)),
-            ("shifts that are zero", self.zero_shifts, _row_bytes(splats.n_shifts, SHIFTS)),
-        ]
+        kinds = [("invisible primitives", self.invisible, GAUSSIAN + bands)]
+        for group, idle in self.rows.items():
+            kinds.append((WORDS[group], idle, np.full(len(idle), FLOAT * (1 + group.row_size))))  # with its index
         for degree in SH:
             zero = ~self.invisible & (splats.sh_degrees >= degree) & (left < degree)
             sizes = np.full(splats.n_splats, 3 * FLOAT * (2 * degree + 1))
@@ -107,22 +95,17 @@ class Unneeded:
             mixed_sh: a model of one SH degree may become one of several, where that makes its file smaller; else it
                 keeps one that all can do with.
         """
-        rows = _rows(splats, DOG, ~self.faded_dog) | _rows(splats, SLOPES, ~self.zero_slopes)
-        rows |= _rows(splats, CURVATURES, ~self.zero_curvatures)
-        rows |= _rows(splats, CUTS, ~self.zero_cuts) | _rows(splats, SECOND_CUTS, ~self.zero_second_cuts)
-        rows |= _rows(splats, SHIFTS, ~self.zero_shifts)
-        lean = replace(splats, **rows).select(~self.invisible)
+        left: dict[str, Array] = {}
+        for group, idle in self.rows.items():
+            left |= {name: getattr(splats, name)[~idle] for name in (group.index, *group.names)}
+        lean = replace(splats, **left).select(~self.invisible)
         return lean.with_sh_degrees(self.degrees_left(splats, mixed_sh)[~self.invisible])
 
 
-def _row_bytes(n: int, group: RowGroup) -> Array:
-    """[n] bytes of each row of a group, with its index."""
-    return np.full(n, FLOAT * (1 + group.row_size))
-
-
-def _rows(splats: Splats, group: RowGroup, which: Array) -> dict[str, Array]:
-    """Those rows of a group, by the names of its arrays."""
-    return {name: getattr(splats, name)[which] for name in (group.index, *group.names)}
+def _zero(splats: Splats, group: RowGroup) -> Array:
+    """[M] whether a row of a group is all 0; the mean views of shifts do not count."""
+    values = getattr(splats, group.names[0])
+    return ~values.any(axis=tuple(range(1, values.ndim)))
 
 
 def used_sh_degrees(splats: Splats) -> Array:

@@ -52,25 +52,27 @@ def render_picture(
     camera: Camera,
     options: RasterOptions,
     background: float = 0.0,
-    near_clip: float = 0.2,
+    drawn: DrawnAs = DrawnAs(),
     aovs: Sequence[str] = (),
     film: tuple[float, float, float, float] | None = None,
-    linear: bool = False,
-    white: float = 1.0,
     perspective: bool = True,
 ) -> Picture:
-    """Render parameters (as ``upload`` makes them) from a camera over a grey ``background``, 0..1.
+    """Render parameters (as ``upload`` makes them) from a camera.
 
-    ``aovs`` are names as in ``aovs.py``, whose needs are among the ``options``. ``film``: the whole image where the
-    camera sees a part of it; ``perspective``: whether it is a pinhole (``DeviceCamera.upload``). ``linear``: the
-    primitives hold linear radiance, which is blended as such, over ``background`` times ``white``, and shown as
-    ``displayed`` has it.
+    Args:
+        options: whether it is antialiased, ``drawn`` decides alone.
+        background: grey level behind, 0..1.
+        drawn: where it is ``linear``, the primitives hold linear radiance, which is blended as such, over
+            ``background`` times ``white``, and shown as ``displayed`` has it.
+        aovs: names as in ``aovs.py``, whose needs are among the ``options``.
+        film: the whole image where the camera sees a part of it (``DeviceCamera.upload``).
+        perspective: whether the camera is a pinhole (the same).
     """
-    on_device = DeviceCamera.upload(camera, near_clip, film=film, perspective=perspective)
-    frame = rasterize(dr.detach(params), on_device, options)
+    on_device = DeviceCamera.upload(camera, drawn.near_clip, film=film, perspective=perspective)
+    frame = rasterize(dr.detach(params), on_device, replace(options, antialiased=drawn.antialiased))
     shape = (camera.height, camera.width)
     T = frame.T.numpy().reshape(shape)
-    behind = background * white if linear else background
+    behind = background * drawn.white if drawn.linear else background
     color = np.stack([plane.numpy().reshape(shape) for plane in frame.colors], -1) + behind * T[..., None]
     alpha = 1 - T
     depth = None
@@ -79,8 +81,8 @@ def render_picture(
         depth = np.divide(blended, alpha, out=np.zeros(shape, np.float32), where=alpha > 0)
     extra = [plane.numpy().reshape(shape) for plane in channels(aovs, frame)]
     named = dict(zip(channel_names(aovs), extra, strict=True))
-    if linear:
-        return Picture(displayed(color, white), alpha, depth, named, color, white)
+    if drawn.linear:
+        return Picture(displayed(color, drawn.white), alpha, depth, named, color, drawn.white)
     return Picture(np.clip(color, 0, 1), alpha, depth, named)
 
 
@@ -94,9 +96,8 @@ def picture_of(
         aovs: names as in ``aovs.py``, which the pictures carry.
     """
     params = upload(splats)
-    options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=drawn.antialiased))
-    how = {"linear": drawn.linear, "white": drawn.white}
-    return lambda camera: render_picture(params, camera, options, background, drawn.near_clip, aovs, **how)
+    options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree))
+    return lambda camera: render_picture(params, camera, options, background, drawn, aovs)
 
 
 def photograph(view: View, background: float) -> np.ndarray:

@@ -90,7 +90,7 @@ class Answerer:
             band = Camera(camera.w2c, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.width, rows)
             film = (0.0, -float(top), float(camera.width), float(camera.height - top))
             how = {"film": film, "perspective": not request.orthographic}
-            picture = render_picture(params, band, options, 0.0, drawn.near_clip, names, linear=drawn.linear, **how)
+            picture = render_picture(params, band, options, 0.0, drawn, names, **how)
             color = picture.color if picture.radiance is None else np.maximum(picture.radiance, 0)
             hole = np.zeros_like(picture.alpha)
             if masks:

@@ -59,8 +59,7 @@ def write_mixture(
 
     def drawing(model: Splats) -> Callable[[View], Picture]:
         params = upload(model)
-        how = background, drawn.near_clip
-        return lambda v: render_picture(params, v.camera, options, *how, linear=drawn.linear, white=drawn.white)
+        return lambda v: render_picture(params, v.camera, options, background, drawn)
 
     write_png(out / f"{name}_gaussian.png", drawing(splats.only_gaussians())(view).color)
     write_png(out / f"{name}_dog.png", drawing(splats.only_dog())(view).color)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ class RowGroup:
 
     index: str
     """[M] strictly increasing"""
-    arrays: Mapping[str, tuple[int, ...]]
+    arrays: Mapping[str, tuple[int, ...]] = field(hash=False)
     """name to the shape of a row"""
 
     @property

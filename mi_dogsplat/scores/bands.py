@@ -23,7 +23,7 @@ colour of a view below 0, the exact value elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import drjit as dr
@@ -31,13 +31,10 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.arrays import array_types, detached
-from ..engine.device_camera import DeviceCamera
-from ..engine.options import RasterOptions
 from ..engine.sh import unit_basis
-from ..engine.view import prepare
-from ..engine.walks.squared_weights import composite_squared_weights
 from ..scene.sh_basis import SH_SIZES, sh_degree_of
-from .counted import WeightOf, counted
+from .squared_weights import squared_weights
+from .training_views import TrainingViews
 
 RIDGE = 1e-3  # of what the diagonal of H would be if the views came from all around
 ROWS = 16_384  # primitives at a time on the host, which bounds the memory: 2 KB each at degree 3
@@ -98,20 +95,12 @@ class Bands:
         return np.einsum("nkc,nkc->n", u, H @ u), u
 
 
-def bands(
-    params: dict,
-    x: np.ndarray,
-    cameras: Sequence[DeviceCamera],
-    options: RasterOptions,
-    masks: WeightOf | None = None,
-) -> Bands:
+def bands(params: dict, x: np.ndarray, views: TrainingViews) -> Bands:
     """Walk through all views.
 
     Args:
         params: as in ``rasterize``.
         x: [N, K, 3] the SH coefficients in them, K that of the highest degree.
-        cameras: all training views.
-        masks: of these, or weights of their pixels; None: all pixels count.
 
     Takes 4 K (K + 1) / 2 bytes a primitive on the device.
     """
@@ -123,8 +112,8 @@ def bands(
     index = dr.arange(mi.UInt32, n)
     means = [dr.gather(mi.Float, params["means"], dr.fma(index, 3, axis)) for axis in range(3)]
     H = [dr.zeros(types.Float, n) for _ in pairs]
-    for view, camera in enumerate(cameras):
-        h = composite_squared_weights(prepare(params, camera, options), counted(masks, view))
+    for view, camera in enumerate(views.cameras):
+        h = squared_weights(params, views, view)
         direction = camera.offset(means) if camera.perspective else camera.rotation[2]
         y = detached(unit_basis(direction, sh_degree_of(k)))
         seen = h > 0

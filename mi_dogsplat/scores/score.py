@@ -22,22 +22,19 @@ which falls as 1/√(probes x views). Or, without noise, for γ = 2: the energy 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import drjit as dr
 import numpy as np
 
 from ..engine.arrays import array_types, detached
-from ..engine.device_camera import DeviceCamera
-from ..engine.options import RasterOptions
 from ..engine.parameters import device_array
 from ..engine.view import prepare_both
 from ..engine.walks.composite import composite_over
 from ..engine.walks.score import Sums, composite_score
 from ..scene.opacity import sigmoid
 from ..scene.row_groups import CUTS, PLANES, SECOND_CUTS, RowGroup
-from .counted import MaskOf, counted
-from .toned import Curve, mean_slope
+from .training_views import TrainingViews, mean_slope
 
 CUT_KINDS = {"leave-cut-out": CUTS, "leave-second-cut-out": SECOND_CUTS}
 KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out", "leave-dog-out", *CUT_KINDS)
@@ -49,9 +46,7 @@ BAND_GAIN, BAND_MAX = 0.1, 3.0  # of the released code's band-pass picture
 class Score(Protocol):
     """Importance of each primitive, as a ``ScoreRule`` gives it."""
 
-    def __call__(
-        self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
-    ) -> np.ndarray: ...
+    def __call__(self, params: dict, views: TrainingViews, seed: int) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)
@@ -64,7 +59,6 @@ class ScoreRule:
     spectral_weight: float = 1.0  # λ_f
     gamma_f: float = 1.0  # γ, of the spectral part
     probes: int = 1  # per view, for the spectral part; 0: no noise but the gradient's energy, for gamma_f = 2
-    curve: Curve | None = None  # through which linear pictures are seen: U is that of the tone-mapped image, linearised
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -77,29 +71,18 @@ class ScoreRule:
         if self.probes == 0 and self.gamma_f != 2:
             raise ValueError(f"ScoreRule: gamma_f={self.gamma_f} needs a probe; without, only gamma_f=2 is known")
 
-    def __call__(
-        self,
-        params: dict,
-        cameras: list[DeviceCamera],
-        options: RasterOptions,
-        background: float,
-        seed: int,
-        masks: MaskOf | None = None,
-    ) -> np.ndarray:
+    def __call__(self, params: dict, views: TrainingViews, seed: int) -> np.ndarray:
         """Importance of each primitive, [N] float64, at least 0, larger is more important; 0 if no camera sees it.
 
         Args:
             params: as in ``rasterize``.
-            cameras: all training views.
-            background: grey level behind the primitives.
             seed: of the noise of the spectral probes.
-            masks: of the views; None: all pixels count.
 
         Raises ``ValueError`` if there is no camera.
         """
         if self.kind == "opacity":
             return _opacities(params["logit_opacities"].numpy())
-        spatial, spectral = energies(self, params, cameras, options, background, seed, masks)
+        spatial, spectral = energies(self, params, views, seed)
         if self.kind == "released":
             return spatial
         return self.spatial_weight * _normalised(spatial) + self.spectral_weight * _normalised(spectral)
@@ -108,10 +91,9 @@ class ScoreRule:
     def sums(self) -> Sums:
         """What a walk has to add up."""
         if self.kind == "released":
-            return Sums(weighted=True, clamped=True)
+            return Sums(clamped=True)
         spectral = self.spectral_weight > 0
         return Sums(
-            weighted=self.curve is not None,
             removal=self.kind == "leave-one-out",
             degeneration=self.kind == "leave-dog-out",
             uncut=0 if self.kind in CUT_KINDS else None,  # a plane; which place it has, a model says (``_place``)
@@ -121,20 +103,12 @@ class ScoreRule:
         )
 
 
-def energies(
-    rule: ScoreRule,
-    params: dict,
-    cameras: list[DeviceCamera],
-    options: RasterOptions,
-    background: float,
-    seed: int,
-    masks: MaskOf | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+def energies(rule: ScoreRule, params: dict, views: TrainingViews, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """(U, Uf) of a rule that looks at the views, [N] float64 each; zeros where the rule gives one no weight.
 
     Arguments and errors as for the rule itself.
     """
-    if not cameras:
+    if not views.cameras:
         raise ValueError(f'ScoreRule: "{rule.kind}" needs a camera, there is none')
     n, sums = dr.width(params["logit_opacities"]), rule.sums
     if n == 0:
@@ -143,9 +117,8 @@ def energies(
     rng = np.random.default_rng(seed)
     Double = array_types().Double
     spatial, spectral = dr.zeros(Double, n), dr.zeros(Double, n)
-    for k, camera in enumerate(cameras):
-        mask = counted(masks, k)
-        columns = [Double(column) for column in _view_sums(rule, params, camera, options, background, rng, mask)]
+    for k in range(len(views.cameras)):
+        columns = [Double(column) for column in _view_sums(rule, params, views, k, rng)]
         if sums.energy:
             spatial += columns.pop(0)
         if sums.gradient:
@@ -156,34 +129,27 @@ def energies(
     return spatial.numpy(), spectral.numpy()
 
 
-def _view_sums(
-    rule: ScoreRule,
-    params: dict,
-    camera: DeviceCamera,
-    options: RasterOptions,
-    background: float,
-    rng: np.random.Generator,
-    mask: Any,
-) -> list:
-    """Columns of ``sums`` for a view, [N] each, float32."""
-    sums = replace(rule.sums, masked=mask is not None)
+def _view_sums(rule: ScoreRule, params: dict, views: TrainingViews, k: int, rng: np.random.Generator) -> list:
+    """Columns of ``sums`` for view ``k``, [N] each, float32."""
+    camera, mask = views.cameras[k], views.mask(k)
+    weighted = rule.kind == "released" or views.curve is not None
+    sums = replace(rule.sums, masked=mask is not None, weighted=weighted)
     if sums.uncut is not None:
         sums = replace(sums, uncut=_place(CUT_KINDS[rule.kind], params))
-    pictured, view = prepare_both(params, camera, options, sums.blocks)
-    image = composite_over(pictured, background)
-    planes = []
+    pictured, view = prepare_both(params, camera, views.options, sums.blocks)
+    image = composite_over(pictured, views.background)
+    planes = [] if mask is None else [mask]
     if rule.kind == "released":
         picture = np.stack([plane.numpy() for plane in image], -1).reshape(camera.height, camera.width, 3)
         planes.append(band_pass_weight(np.clip(picture, 0, 1)))
-    elif rule.curve:
-        planes.append(mean_slope(rule.curve, image))
+    elif views.curve:
+        planes.append(mean_slope(views.curve, image))
     if sums.clamped:
         planes += [((plane.numpy() >= 0) & (plane.numpy() <= 1)).astype(np.float32) for plane in image]
     if sums.probes:
         signs = 2.0 * rng.integers(0, 2, (sums.probes * sums.channels, camera.height, camera.width)) - 1
         planes += list(filtered_noise(signs, rule.gamma_f))
-    on_device = [detached(device_array(plane)) for plane in planes]
-    return composite_score(view, sums, image, on_device if mask is None else [mask, *on_device])
+    return composite_score(view, sums, image, [detached(device_array(plane)) for plane in planes])
 
 
 def _place(plane: RowGroup, params: dict) -> int:

@@ -18,7 +18,7 @@ hides a side of it, or cuts one off, makes it an estimate, as DoG do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
@@ -26,25 +26,18 @@ import numpy as np
 
 from ..engine.arrays import array_types
 from ..engine.curvatures import ROW
-from ..engine.device_camera import DeviceCamera
-from ..engine.options import RasterOptions
 from ..engine.parameters import device_array
 from ..engine.project import LOG2_E, Projection, project
-from ..engine.view import prepare
-from ..engine.walks.squared_weights import composite_squared_weights
 from ..scene.curvatures import mean_brightness
-from .counted import WeightOf, counted
+from .squared_weights import squared_weights
+from .training_views import TrainingViews
 
 
-def slope_losses(
-    params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, masks: WeightOf | None = None
-) -> np.ndarray:
+def slope_losses(params: dict, views: TrainingViews) -> np.ndarray:
     """[N] energy of the change of all views without the slopes of a primitive; 0 where it has none.
 
     Args:
         params: as in ``rasterize``, with slopes.
-        cameras: all training views.
-        masks: of these, or weights of their pixels; None: all pixels count.
     """
 
     def change(projection: Projection) -> Any:
@@ -55,12 +48,10 @@ def slope_losses(
                 square += dr.square(_dot(gradient, v))
         return square
 
-    return _losses(params, cameras, options, masks, change)
+    return _losses(params, views, change)
 
 
-def curvature_losses(
-    params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, masks: WeightOf | None = None
-) -> np.ndarray:
+def curvature_losses(params: dict, views: TrainingViews) -> np.ndarray:
     """The same without the curvatures of a primitive. Arguments as for ``slope_losses``."""
     average = np.zeros(dr.width(params["logit_opacities"]))
     rows = params["brightness_curvatures"].numpy().reshape(-1, ROW)
@@ -77,21 +68,15 @@ def curvature_losses(
         squares = dr.square(m11) + 2 * dr.square(m12) + dr.square(m22)
         return 3 * (2 * squares + dr.square(m11 + m22 - b))
 
-    return _losses(params, cameras, options, masks, change)
+    return _losses(params, views, change)
 
 
-def _losses(
-    params: dict,
-    cameras: Sequence[DeviceCamera],
-    options: RasterOptions,
-    masks: WeightOf | None,
-    change: Callable[[Projection], Any],
-) -> np.ndarray:
+def _losses(params: dict, views: TrainingViews, change: Callable[[Projection], Any]) -> np.ndarray:
     """[N] sums over the views of h times ``change``, the mean square of that of a colour."""
     params = dr.detach(params)
     total = dr.zeros(array_types().Double, dr.width(params["logit_opacities"]))
-    for view, camera in enumerate(cameras if len(total) else ()):
-        h = composite_squared_weights(prepare(params, camera, options), counted(masks, view))
+    for view, camera in enumerate(views.cameras if len(total) else ()):
+        h = squared_weights(params, views, view)
         projection = project(params, camera, sh_degree=0)
         seen = projection.visible & (h > 0)
         total += array_types().Double(dr.select(seen, h * change(projection), 0))

@@ -30,7 +30,7 @@ class Weights:
 
 
 def weights(
-    params: dict, cameras: list[DeviceCamera], options: RasterOptions, planes: Sequence[np.ndarray] | None = None
+    params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, planes: Sequence[np.ndarray] | None = None
 ) -> Weights:
     """Walk through all views.
 

@@ -27,10 +27,11 @@ from ..formats.model import Model
 from ..formats.sizes import FileKind
 from ..render.picture import Picture, background_color, render_picture
 from ..scene.appearance import Appearance
-from ..scene.drawing import Drawing
+from ..scene.drawing import Drawing, DrawnAs
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
-from ..scores.score import Score, ScoreRule
+from ..scores.score import Score
+from ..scores.training_views import TrainingViews
 from .accuracy import errors_of_test_views, training_l1
 from .config import TrainConfig
 from .events import Event
@@ -121,6 +122,12 @@ class Trainer:
             isect_memory=self.memory.for_pairs(self.optimizer) if self.memory else None,
         )
 
+    @property
+    def training_views(self) -> TrainingViews:
+        """As the loss sees them now, for scores."""
+        shown = self.photographs
+        return TrainingViews(shown.cameras, self.options, shown.background, shown.shown_mask, shown.curve)
+
     def step(self) -> list[Event]:
         """The views of a batch, then Adam with the mean of their gradients; the hooks of the strategies in between."""
         parts = self._parts()
@@ -194,12 +201,8 @@ class Trainer:
         return not broken(self.optimizer, self.extent).any()
 
     def importance(self, score: Score) -> np.ndarray:
-        """[N] what a score says of the primitives; a ``ScoreRule`` by its curve and masks, as the loss sees them."""
-        p, seed = self.photographs, self.config.seed + self.step_count
-        given = self.optimizer.params, p.cameras, self.options, self.background, seed
-        if isinstance(score, ScoreRule):
-            return replace(score, curve=p.curve or score.curve)(*given, p.shown_mask)
-        return score(*given)
+        """[N] what a score says of the primitives as they are."""
+        return score(self.optimizer.params, self.training_views, self.config.seed + self.step_count)
 
     def scores(self, score: Score) -> np.ndarray:
         """[N] the same, as all strategies have it."""
@@ -227,9 +230,9 @@ class Trainer:
 
     def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""
-        how = replace(self.options, depth=depth), self.background, self.near_clip
-        white = self.dataset.white
-        found = render_picture(self.optimizer.params, view.camera, *how, linear=white is not None)
+        white, options = self.dataset.white, replace(self.options, depth=depth)
+        drawn = DrawnAs(self.config.antialiased, self.near_clip, linear=white is not None)  # in units of white
+        found = render_picture(self.optimizer.params, view.camera, options, self.background, drawn)
         return found if white is None or found.radiance is None else found.in_units_of(white)
 
     def appearance(self) -> Appearance | None:

@@ -117,10 +117,8 @@ class Renderer:
             splats = PARTS[part](self.splats)
             self._params[part] = upload(splats), splats.sh_degree
         params, degree = self._params[part]
-        drawn = self.drawn
-        options = RasterOptions(min(settings.sh_degree, degree), antialiased=drawn.antialiased)
-        how = {"linear": drawn.linear, "white": drawn.white}
-        return render_picture(params, camera, options, settings.background, drawn.near_clip, **how).color
+        options = RasterOptions(min(settings.sh_degree, degree))
+        return render_picture(params, camera, options, settings.background, self.drawn).color
 
 
 def nearest_view(views: Sequence[View], camera: Camera) -> View:

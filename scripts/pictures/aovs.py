@@ -17,6 +17,7 @@ from mi_dogsplat.render.framing import automatic_camera
 from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.render.picture import Picture, render_picture
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.pictures import heat_map
@@ -66,7 +67,7 @@ def square(camera: Camera) -> Camera:
 
 def view(splats: Splats, camera: Camera) -> Picture:
     options = options_for(AOVS, RasterOptions(sh_degree=splats.sh_degree))
-    return render_picture(upload(splats), camera, options, BACKGROUND, 0.01, AOVS)
+    return render_picture(upload(splats), camera, options, BACKGROUND, DrawnAs(near_clip=0.01), AOVS)
 
 
 def with_dog(splats: Splats) -> Splats:

@@ -168,6 +168,8 @@ def test_what_is_complete_is_not_repeated(comparison, data, tmp_path):
     for path in out.glob("*/*/*/recipe.json"):  # as an earlier version wrote it, which knew no slopes and cuts
         method = json.loads(path.read_text())
         assert [method["recipe"].pop(name) for name in GIVEN] == [None] * len(GIVEN)
+        if "kind" in (method["recipe"]["score"] or {}):  # of a ScoreRule, which had a tone curve of its own
+            method["recipe"]["score"]["curve"] = None
         path.write_text(json.dumps(method))
     with without_processes():
         compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=again.append)

@@ -24,6 +24,7 @@ from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.runs.history import run_to_end
+from mi_dogsplat.scores.training_views import TrainingViews
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import SMOOTH_OPTIONS, make_camera, make_splats, options, random_splats, rounded, tilted_camera
 
@@ -34,7 +35,7 @@ WEIGHTS = [reference_score.weights(SPLATS, camera) for camera in CAMERAS]
 
 def score(rule: Any, splats=SPLATS, cameras=CAMERAS, background=0.0, **others) -> np.ndarray:
     on_device = [DeviceCamera.upload(camera) for camera in cameras]
-    return rule(upload(splats), on_device, options(splats, **others), background, 0)
+    return rule(upload(splats), TrainingViews(on_device, options(splats, **others), background), 0)
 
 
 def test_radsplat_is_the_largest_weight_of_any_ray():
@@ -110,7 +111,7 @@ def test_pup_is_the_log_determinant_of_squared_derivatives_of_patches(background
     splats.logit_opacities[[0, 3]] = 6  # beyond the limit of .99 near the centre
     expected = brute_force_fisher(splats, cameras, background)
     on_device = [DeviceCamera.upload(camera) for camera in cameras]
-    got = fisher(upload(splats), on_device, options(splats, **SMOOTH_OPTIONS), background)
+    got = fisher(upload(splats), TrainingViews(on_device, options(splats, **SMOOTH_OPTIONS), background))
     scale = np.sqrt(np.einsum("nii->ni", expected))
     assert (scale > 1e-3).all(1).sum() >= 6
     error = np.abs(got - expected) / np.maximum(scale[:, :, None] * scale[:, None, :], 1e-6)

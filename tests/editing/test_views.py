@@ -17,8 +17,9 @@ CAMERAS = tiny_data.cameras()
 
 
 def pictures(splats: Splats, antialiased=False) -> np.ndarray:
-    params, options = upload(splats), RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased)
-    return np.stack([render_picture(params, camera, options).color for camera in CAMERAS])
+    params, options = upload(splats), RasterOptions(sh_degree=splats.sh_degree)
+    drawn = DrawnAs(antialiased)
+    return np.stack([render_picture(params, camera, options, drawn=drawn).color for camera in CAMERAS])
 
 
 def with_a_shell(inner: Splats, seed=0) -> Splats:

@@ -29,6 +29,7 @@ from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.engine.walks.squared_weights import composite_squared_weights
 from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scores.score import CUT_KINDS, ScoreRule
+from mi_dogsplat.scores.training_views import TrainingViews
 from mi_dogsplat.training.images.image_formation import ImageSize, formed, formed_gradients
 from mi_dogsplat.training.images.loss import PhotometricLoss
 from mi_dogsplat.training.optimizer.adam import Entry
@@ -110,7 +111,8 @@ def summed(order="abc", removal=True, probes=0, shared=False, **chosen) -> np.nd
 
 def score(kind="spatio-spectral", **rule) -> np.ndarray:
     splats = model(0.5, 0, *((0.5, 0.5) if kind in CUT_KINDS else (0, 0)))
-    return ScoreRule(kind, **rule)(upload(splats), [DeviceCamera.upload(CAMERA)], options(splats), 0.3, 0)
+    views = TrainingViews([DeviceCamera.upload(CAMERA)], options(splats), 0.3)
+    return ScoreRule(kind, **rule)(upload(splats), views, 0)
 
 
 def found(names=("median_depth", "index", "count", "dog_share"), dog_share=0.5, **chosen) -> np.ndarray:

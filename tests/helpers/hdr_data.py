@@ -8,6 +8,7 @@ from mi_dogsplat.datasets.point_ply import write_point_ply
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.render.picture import Picture, render_picture
 from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
@@ -24,7 +25,7 @@ def bright_truth(unit: float = 1.0) -> Splats:
 
 
 def picture(splats: Splats, camera, white: float = 1.0) -> Picture:
-    return render_picture(upload(splats), camera, OPTIONS, linear=True, white=white)
+    return render_picture(upload(splats), camera, OPTIONS, drawn=DrawnAs(linear=True, white=white))
 
 
 def write_hdr_data(folder: Path, unit: float = 1.0, alpha: bool = False) -> Path:

@@ -9,6 +9,8 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.inspection.unneeded import FADED, Unneeded, used_sh_degrees
 from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.scene.drawing import DrawnAs
+from mi_dogsplat.scene.row_groups import DOG
 from mi_dogsplat.scene.splats import Splats
 from own_axes_models import CURVED, EACH_PLANE, KINDS, PLANE_KINDS, SHIFTED, SLOPED, Kind
 from row_kinds import of_each
@@ -18,9 +20,9 @@ CUTOFF = 1 / 255
 
 
 def pictures(splats: Splats, antialiased=False) -> list[np.ndarray]:
-    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased)
+    options = RasterOptions(sh_degree=splats.sh_degree)
     params = upload(splats)
-    return [render_picture(params, camera, options, 0.3).color for camera in tiny_data.cameras()]
+    return [render_picture(params, camera, options, 0.3, DrawnAs(antialiased)).color for camera in tiny_data.cameras()]
 
 
 def wasteful(seed=0) -> Splats:
@@ -46,9 +48,9 @@ def test_without_it_every_picture_has_the_same_bits(antialiased):
     splats = wasteful()
     found = Unneeded.of(splats)
     lean = found.taken_out(splats)
-    assert found.invisible.sum() == 16 and found.faded_dog.sum() >= 10
+    assert found.invisible.sum() == 16 and found.rows[DOG].sum() >= 10
     assert lean.n_splats == 64 and lean.sh_degree == 1
-    assert lean.n_dog == splats.select(~found.invisible).n_dog - found.faded_dog.sum()
+    assert lean.n_dog == splats.select(~found.invisible).n_dog - found.rows[DOG].sum()
     for before, after in zip(pictures(splats, antialiased), pictures(lean, antialiased), strict=True):
         assert np.array_equal(before, after)
 
@@ -67,7 +69,7 @@ def test_pictures_keep_their_bits_where_all_dog_have_faded():
 def test_zero_slopes_curvatures_and_shifts_leave_and_the_others_keep_the_bits_of_every_picture(kind):
     splats = varied(kind)
     found = Unneeded.of(splats)
-    lean, zeros = found.taken_out(splats), getattr(found, f"zero_{kind.word}")
+    lean, zeros = found.taken_out(splats), found.rows[kind.group]
     seen = kind.index(splats) % 5 != 0  # not faint
     assert zeros.tolist() == (seen & (np.arange(27) % 4 == 0)).tolist() and zeros.sum() == 5
     assert kind.n(lean) == seen.sum() - 5
@@ -102,7 +104,7 @@ def test_cuts_with_normals_of_zero_leave_and_the_others_stay(kind):
     splats = cut_off(kind)
     found = Unneeded.of(splats)
     lean = found.taken_out(splats)
-    seen, zeros = ~found.invisible[kind.index(splats)], getattr(found, f"zero_{kind.word}")
+    seen, zeros = ~found.invisible[kind.index(splats)], found.rows[kind.group]
     assert zeros.tolist() == (seen & (np.arange(27) % 4 == 0)).tolist() and zeros.sum() >= 5
     assert kind.n(lean) == seen.sum() - zeros.sum()
     whole = Unneeded.of(splats.without_cuts()).taken_out(splats.without_cuts())
@@ -180,7 +182,7 @@ def test_a_dog_stays_where_it_could_change_a_bit():
     faintest = np.nextafter(np.float32(CUTOFF), np.float32(1))
     assert faintest - np.float32(FADED) == faintest and faintest - np.float32(4 * FADED) != faintest
     splats = rounded(make_splats([[0, 0, 2]] * 2, 0.2, 0.5, dog=[0, 1], f_a=[1.9 * FADED, 2.1 * FADED]))
-    assert Unneeded.of(splats).faded_dog.tolist() == [True, False]
+    assert Unneeded.of(splats).rows[DOG].tolist() == [True, False]
 
 
 @pytest.mark.parametrize("name", ["means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_log_scales"])
@@ -211,7 +213,7 @@ def test_each_kind_is_named_with_its_number_and_bytes():
     found = Unneeded.of(splats)
     assert found.described(splats) == [
         f"invisible primitives: 16, {16 * (14 + 24) * 4 / 1000:.3g} kB",
-        f"DoG without effect: {found.faded_dog.sum()}, {found.faded_dog.sum() * 20} bytes",
+        f"DoG without effect: {found.rows[DOG].sum()}, {found.rows[DOG].sum() * 20} bytes",
         f"zero bands of SH degree 2: 64, {64 * 15 * 4 / 1000:.3g} kB",
     ]
     for kind, size in ((SLOPED, 200), (CURVED, 140)):

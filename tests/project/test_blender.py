@@ -28,6 +28,7 @@ from mi_dogsplat.render.framing import automatic_camera
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.radiance import brightened
 from own_axes_models import KINDS, SHIFTED
@@ -59,8 +60,8 @@ def reference(folder: Path, name: str, splats, camera: Camera, parallel: bool = 
     write_ply(folder / f"{name}.ply", splats)
     write_camera(folder / f"{name}.json", camera)
     options = RasterOptions(sh_degree=splats.sh_degree, depth=True)
-    near = 0.0 if parallel else 0.2
-    picture = render_picture(upload(splats), camera, options, near_clip=near, perspective=not parallel)
+    drawn = DrawnAs(near_clip=0.0) if parallel else DrawnAs()
+    picture = render_picture(upload(splats), camera, options, drawn=drawn, perspective=not parallel)
     np.savez(folder / f"{name}.npz", color=picture.color, alpha=picture.alpha, depth=np.asarray(picture.depth))
 
 
@@ -94,7 +95,7 @@ def references(tmp_path_factory) -> Path:
     write_model(folder / "linear.ply", linear)
     write_model(folder / "linear.spz", replace(linear, splats=brightened(dog.plain(), 40.0)))
     np.savez(folder / "linear_spz.npz", sh_coeffs=read_model(folder / "linear.spz").splats.sh_coeffs)
-    picture = render_picture(upload(linear.splats), camera, RasterOptions(sh_degree=3), linear=True)
+    picture = render_picture(upload(linear.splats), camera, RasterOptions(sh_degree=3), drawn=DrawnAs(linear=True))
     np.savez(folder / "linear.npz", radiance=np.asarray(picture.radiance))
     np.savez(folder / "spz.npz", **vars(read_model(folder / "plain.spz").splats))
     reference(folder, "square", dog, square_camera(96, 64, 90.0))

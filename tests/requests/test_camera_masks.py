@@ -11,6 +11,7 @@ from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.requests.shares import importance
 from mi_dogsplat.requests.view_request import read_view_request
 from mi_dogsplat.requests.views import Views
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import srgb_to_linear
@@ -75,7 +76,8 @@ def drawn(splats):
 
 def blended(splats):
     """[H, W, 3] the colours of ``drawn``, not clamped."""
-    radiance = render_picture(upload(splats), CAMERA, RasterOptions(sh_degree=splats.sh_degree), linear=True).radiance
+    options, linear = RasterOptions(sh_degree=splats.sh_degree), DrawnAs(linear=True)
+    radiance = render_picture(upload(splats), CAMERA, options, drawn=linear).radiance
     assert radiance is not None
     return radiance
 

@@ -26,6 +26,7 @@ from mi_dogsplat.requests.scene_description import load_scene
 from mi_dogsplat.requests.serve import Lines, serve
 from mi_dogsplat.requests.view_request import ViewRequest
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
 from scene_requests import answered, camera_json, matrix
@@ -89,7 +90,7 @@ def test_splats_alone_along_parallel_rays_have_a_hole_where_a_holdout_is(folder)
     request = {"model": str(folder / "model.ply"), "camera": camera_json(camera), "orthographic": True}
     request |= {"near_clip": 0.0, "counts": [20, 20]}
     options = RasterOptions(sh_degree=SPLATS.sh_degree)
-    expected = render_picture(upload(SPLATS), camera, options, near_clip=0.0, perspective=False)
+    expected = render_picture(upload(SPLATS), camera, options, drawn=DrawnAs(near_clip=0.0), perspective=False)
     assert expected.color.std() > 0.05
     np.testing.assert_allclose(answered(request)["color"], expected.color, atol=1e-5)
     held = answered({**request, "holdout": [0]})
@@ -100,7 +101,8 @@ def test_splats_alone_along_parallel_rays_have_a_hole_where_a_holdout_is(folder)
 def test_a_linear_model_is_radiance_alone_and_in_a_scene(folder):
     write_model(folder / "linear.ply", Model(brightened(SPLATS, 4.0), Drawing(linear=True, white=2.0)))
     found = answered({"model": str(folder / "linear.ply"), "camera": camera_json(CAMERA)})["color"]
-    expected = render_picture(upload(brightened(SPLATS, 4.0)), CAMERA, RasterOptions(SPLATS.sh_degree), linear=True)
+    options, linear = RasterOptions(SPLATS.sh_degree), DrawnAs(linear=True)
+    expected = render_picture(upload(brightened(SPLATS, 4.0)), CAMERA, options, drawn=linear)
     assert found.max() > 1 and expected.radiance is not None
     np.testing.assert_allclose(found, np.maximum(expected.radiance, 0), atol=1e-5)
     for name, linear in (("linear", True), ("model", False)):

@@ -20,6 +20,7 @@ from mi_dogsplat.requests.shares import importance
 from mi_dogsplat.requests.view_request import read_view_request
 from mi_dogsplat.requests.views import Views
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.support.errors import DataError
@@ -271,7 +272,8 @@ def test_a_linear_model_is_radiance_or_what_a_screen_shows_of_it(folder, views, 
     write_model(path, Model(brightened(SPLATS, 3.0), Drawing(linear=True, white=2.0)))
     request = {"model": str(path), "camera": camera_json(CAMERA)}
     splats, behind = read_model(path).splats, [0.5, 1.0, 2.0]
-    picture = render_picture(upload(splats), CAMERA, RasterOptions(sh_degree=SPLATS.sh_degree), linear=True, white=2.0)
+    drawn = DrawnAs(linear=True, white=2.0)
+    picture = render_picture(upload(splats), CAMERA, RasterOptions(sh_degree=SPLATS.sh_degree), drawn=drawn)
     assert picture.radiance is not None and picture.radiance.max() > 1.2
     over = np.maximum(picture.radiance, 0) + (1 - picture.alpha[..., None]) * behind
     radiance = last(views, {**request, "linear": True, "background": behind})

@@ -14,6 +14,7 @@ from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.scene.sh_basis import SH_SIZES
 from mi_dogsplat.scores import bands as module
 from mi_dogsplat.scores.bands import bands
+from mi_dogsplat.scores.training_views import TrainingViews
 from splat_scenes import attached, kernels, options, random_splats, rounded, select
 
 N = 8
@@ -67,7 +68,7 @@ def expected(A: np.ndarray, sh_coeffs: np.ndarray, degree: int) -> tuple[float, 
 
 def found(splats):
     on_device = [DeviceCamera.upload(camera) for camera in CAMERAS]
-    return bands(upload(splats), splats.sh_coeffs, on_device, options(splats))
+    return bands(upload(splats), splats.sh_coeffs, TrainingViews(on_device, options(splats)))
 
 
 @pytest.mark.parametrize("degree", [1, 3])
@@ -113,7 +114,8 @@ def test_what_no_view_shows_loses_nothing_and_parameters_are_left_alone():
     splats = scene(2)
     splats.means[0], splats.means[1] = [0, 0, -9], np.nan
     params = attached(splats)
-    got = bands(params, splats.sh_coeffs, [DeviceCamera.upload(c) for c in CAMERAS[2:3]], options(splats)).losses()
+    views = TrainingViews([DeviceCamera.upload(c) for c in CAMERAS[2:3]], options(splats))
+    got = bands(params, splats.sh_coeffs, views).losses()
     assert not got[:2].any() and got[2:, 0].any() and np.isfinite(got).all()
     assert dr.grad_enabled(params["means"]) and not dr.grad(params["means"]).numpy().any()
 
@@ -128,11 +130,12 @@ def test_rows_are_taken_in_parts_that_change_nothing(monkeypatch):
 
 
 def test_no_kernel_is_compiled_whatever_the_number_of_primitives():
-    model, on_device = random_splats(200, seed=1, degree=1, dog_share=0), [DeviceCamera.upload(CAMERAS[0])]
+    model = random_splats(200, seed=1, degree=1, dog_share=0)
+    views = TrainingViews([DeviceCamera.upload(CAMERAS[0])], RasterOptions(sh_degree=1))
 
     def once(n: int):
         splats = select(model, n)
-        bands(upload(splats), splats.sh_coeffs, on_device, RasterOptions(sh_degree=1))
+        bands(upload(splats), splats.sh_coeffs, views)
 
     known = kernels(lambda: [once(n) for n in (100, 101)])
     for n in (137, 50, 12, 200):

@@ -11,6 +11,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.score import ScoreRule, energies
+from mi_dogsplat.scores.training_views import TrainingViews
 from splat_scenes import image_of, options, random_splats, rasterized, rounded
 
 CAMERAS = cameras_around(1.2, 4, 64, 48, 50.0)
@@ -23,7 +24,7 @@ by_plane = pytest.mark.parametrize("plane", [CUTS, SECOND_CUTS], ids=["first", "
 
 def scored(splats: Splats, plane: RowGroup, background: float) -> np.ndarray:
     cameras = [DeviceCamera.upload(camera) for camera in CAMERAS]
-    return energies(RULES[plane.index], upload(splats), cameras, options(splats), background, 0)[0]
+    return energies(RULES[plane.index], upload(splats), TrainingViews(cameras, options(splats), background), 0)[0]
 
 
 def measured(splats: Splats, plane: RowGroup, i: int, background: float) -> float:

@@ -9,6 +9,7 @@ from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.scores.bands import bands
 from mi_dogsplat.scores.score import ScoreRule, band_pass_weight, energies, filtered_noise
 from mi_dogsplat.scores.slope_losses import slope_losses
+from mi_dogsplat.scores.training_views import TrainingViews, whole
 from splat_scenes import make_camera, make_splats, options, random_splats, rounded, tilted_camera
 
 CAMERAS = [tilted_camera(45, 37), make_camera(20, 33, f=25.0)]
@@ -22,8 +23,8 @@ def on_device(cameras=CAMERAS) -> list[DeviceCamera]:
     return [DeviceCamera.upload(camera) for camera in cameras]
 
 
-def measured(rule: ScoreRule, masks, splats=SPLATS) -> tuple[np.ndarray, np.ndarray]:
-    return energies(rule, upload(splats), on_device(), options(splats), BACKGROUND, 5, masks)
+def measured(rule: ScoreRule, mask=whole) -> tuple[np.ndarray, np.ndarray]:
+    return energies(rule, upload(SPLATS), TrainingViews(on_device(), options(SPLATS), BACKGROUND, mask), 5)
 
 
 def footprints(clamped=False) -> list[np.ndarray]:
@@ -39,7 +40,7 @@ def test_the_energies_are_those_of_masked_footprints():
     U, Uf = measured(ScoreRule(gamma_f=2, probes=0), MASKS.__getitem__)
     assert_close(U, sum((F**2).sum((1, 2)) for F in J))
     assert_close(Uf, sum(reference_score.gradient_energy(F) for F in J))
-    assert (U < 0.9 * measured(ScoreRule(gamma_f=2, probes=0), None)[0]).any()
+    assert (U < 0.9 * measured(ScoreRule(gamma_f=2, probes=0))[0]).any()
 
 
 def test_a_view_without_a_mask_counts_whole_beside_one_that_has_one():
@@ -71,17 +72,19 @@ def test_what_shows_in_black_pixels_alone_is_worth_nothing(kind):
     camera = make_camera()
     mask = np.zeros((camera.height, camera.width))
     mask[:, camera.width // 2 :] = 1
-    found = ScoreRule(kind)(upload(splats), on_device([camera]), options(splats), 0.0, 0, lambda _: mask)
+    views = TrainingViews(on_device([camera]), options(splats), mask=lambda _: mask)
+    found = ScoreRule(kind)(upload(splats), views, 0)
     assert found[0] == 0 < found[1]
 
 
 def test_bands_and_slopes_are_sums_over_the_pixels_that_count():
     """So those of a mask and of its complement add up to the whole."""
     splats = rounded(random_splats(15, seed=2, degree=1, slope_share=1.0))
-    given = upload(splats), on_device(), options(splats)
-    rest = [1 - m for m in MASKS]
-    slopes = [slope_losses(*given, masks) for masks in (None, MASKS.__getitem__, rest.__getitem__)]
-    first = [bands(given[0], splats.sh_coeffs, *given[1:], masks).H for masks in (None, MASKS.__getitem__)]
+    params, rest = upload(splats), [1 - m for m in MASKS]
+    masks = whole, MASKS.__getitem__, rest.__getitem__
+    views = [TrainingViews(on_device(), options(splats), mask=mask) for mask in masks]
+    slopes = [slope_losses(params, some) for some in views]
+    first = [bands(params, splats.sh_coeffs, some).H for some in views[:2]]
     assert_close(slopes[1] + slopes[2], slopes[0])
     assert (slopes[1] > 0).sum() > 9 and (slopes[2] > 0).sum() > 9
     h = sum(((m * reference_score.weights(splats, c)[0]) ** 2).sum((1, 2)) for m, c in zip(MASKS, CAMERAS, strict=True))

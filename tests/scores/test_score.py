@@ -15,6 +15,7 @@ from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.score import ScoreRule, band_pass_weight, energies, filtered_noise
+from mi_dogsplat.scores.training_views import TrainingViews
 from same_numbers import assert_same_numbers
 from splat_scenes import (
     attached,
@@ -38,7 +39,7 @@ EXACT = ScoreRule(gamma_f=2, probes=0, spatial_weight=0.3, spectral_weight=0.7)
 
 def score(rule: ScoreRule, splats: Splats = SPLATS, background=0.0, cameras=CAMERAS, seed=0, **others) -> np.ndarray:
     on_device = [DeviceCamera.upload(c) for c in cameras]
-    return rule(upload(splats), on_device, options(splats, **others), background, seed)
+    return rule(upload(splats), TrainingViews(on_device, options(splats, **others), background), seed)
 
 
 def footprints(splats: Splats = SPLATS, background=0.0, cameras=CAMERAS, **others) -> list[np.ndarray]:
@@ -116,7 +117,7 @@ def test_leave_dog_out_is_the_energy_of_pictures_with_the_primary_alone(cuts, ba
         views.append(footprints)
     rule = ScoreRule("leave-dog-out", spectral_weight=0)
     on_device = [DeviceCamera.upload(camera) for camera in CAMERAS]
-    U, _ = energies(rule, upload(splats), on_device, options(splats), background, 0)
+    U, _ = energies(rule, upload(splats), TrainingViews(on_device, options(splats), background), 0)
     assert_close(U, spatial(views))
     gaussians = np.setdiff1d(np.arange(15), splats.dog_index)
     assert not U[gaussians].any() and (U[splats.dog_index] > 0).sum() > 3
@@ -180,8 +181,8 @@ def test_any_number_of_primitives_has_scores(n):
 
 def test_attached_parameters_are_left_alone():
     params = attached(SPLATS)
-    cameras = [DeviceCamera.upload(c) for c in CAMERAS]
-    assert_same_numbers(EXACT(params, cameras, options(SPLATS), 0.0, 0), score(EXACT))
+    views = TrainingViews([DeviceCamera.upload(c) for c in CAMERAS], options(SPLATS))
+    assert_same_numbers(EXACT(params, views, 0), score(EXACT))
     assert dr.grad_enabled(params["means"]) and not dr.grad(params["means"]).numpy().any()
 
 
@@ -204,7 +205,7 @@ def test_numbers_that_mean_nothing_are_refused(choices, message):
 
 def test_a_score_of_views_needs_a_view():
     with pytest.raises(ValueError, match="released.*camera"):
-        ScoreRule("released")(upload(SPLATS), [], RasterOptions(), 0.0, 0)
+        ScoreRule("released")(upload(SPLATS), TrainingViews([], RasterOptions()), 0)
 
 
 # The spectral estimate
@@ -237,7 +238,8 @@ def test_over_uncorrelated_signs_the_estimate_is_the_sum_over_frequencies(monkey
     monkeypatch.setattr(np.random, "default_rng", lambda seed: Walsh())
     camera = tilted_camera(8, 8, f=8.0)
     rule = ScoreRule(gamma_f=gamma_f, probes=64)
-    got = energies(rule, upload(SPLATS), [DeviceCamera.upload(camera)], options(SPLATS), background, 0)
+    views = TrainingViews([DeviceCamera.upload(camera)], options(SPLATS), background)
+    got = energies(rule, upload(SPLATS), views, 0)
     J = footprints(background=background, cameras=[camera])
     assert_close(got[0], spatial(J))
     assert_close(got[1], power(J, gamma_f))
@@ -254,8 +256,8 @@ def test_random_signs_give_the_sum_over_frequencies_with_an_error_of_one_over_ro
     assert seen.sum() > 20
     variance = np.sum([reference_score.probe_variance(F) for F in views], 0)[seen] / probes
     rule = ScoreRule(kind, spatial_weight=0, probes=probes)
-    on_device, params = [DeviceCamera.upload(c) for c in cameras], upload(SPLATS)
-    got = np.stack([energies(rule, params, on_device, options(SPLATS), 0.0, seed)[1][seen] for seed in range(count)])
+    on_device, params = TrainingViews([DeviceCamera.upload(c) for c in cameras], options(SPLATS)), upload(SPLATS)
+    got = np.stack([energies(rule, params, on_device, seed)[1][seen] for seed in range(count)])
     error = (got.mean(0) - exact[seen]) / np.sqrt(variance / count)  # in standard deviations
     assert np.abs(error).max() < 5 and np.sqrt((error**2).mean()) < 1.5
     ratio = (got.var(0) / variance).mean()

@@ -12,6 +12,7 @@ from mi_dogsplat.engine.walks.fisher import composite_fisher, patch_blocks
 from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.score import ScoreRule
+from mi_dogsplat.scores.training_views import TrainingViews
 from same_numbers import assert_same_numbers
 from splat_scenes import options, random_splats, rounded, tilted_camera
 
@@ -33,7 +34,8 @@ def assert_close(a: np.ndarray, b: np.ndarray):
 
 @pytest.mark.parametrize("rule", [ScoreRule(), *(ScoreRule(kind) for kind in KINDS)], ids=lambda rule: rule.kind)
 def test_scores(rule):
-    ours, padded = (rule(upload(s), [DeviceCamera.upload(CAMERA)], options(s), 0.3, 0) for s in models())
+    on_device = [DeviceCamera.upload(CAMERA)]
+    ours, padded = (rule(upload(s), TrainingViews(on_device, options(s), 0.3), 0) for s in models())
     assert_close(ours, padded)
 
 

@@ -10,6 +10,7 @@ from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.slope_losses import curvature_losses, slope_losses
+from mi_dogsplat.scores.training_views import TrainingViews
 from own_axes_models import CURVED, PLANE_KINDS, SLOPED, Kind
 from row_kinds import of_each
 from splat_scenes import image_of, make_splats, options, random_splats, rasterized, rounded
@@ -22,7 +23,8 @@ EACH = of_each(SLOPED, CURVED)
 
 def estimated(splats: Splats, kind: Kind) -> np.ndarray:
     losses = {"slopes": slope_losses, "curvatures": curvature_losses}[kind.word]
-    return losses(upload(splats), [DeviceCamera.upload(camera) for camera in CAMERAS], options(splats))
+    on_device = [DeviceCamera.upload(camera) for camera in CAMERAS]
+    return losses(upload(splats), TrainingViews(on_device, options(splats)))
 
 
 def measured(splats: Splats, kind: Kind, i: int) -> float:

@@ -8,6 +8,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.scores.slope_losses import slope_losses
+from mi_dogsplat.scores.training_views import TrainingViews
 from mi_dogsplat.scores.weights import weights
 from splat_scenes import (
     attached,
@@ -76,4 +77,4 @@ def test_of_no_primitive_there_are_no_weights_and_no_losses():
     nothing = upload(rounded(random_splats(3, degree=1, slope_share=1.0)).select(np.zeros(3, bool)))
     got = weights(nothing, on_device(), RasterOptions(1))
     assert all(values.shape == (0,) for values in vars(got).values()) and got.dominates.dtype == bool
-    assert slope_losses(nothing, on_device(), RasterOptions(1)).shape == (0,)
+    assert slope_losses(nothing, TrainingViews(on_device(), RasterOptions(1))).shape == (0,)

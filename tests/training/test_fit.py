@@ -8,6 +8,7 @@ import tiny_data
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.fit import Look, fit
 
@@ -16,8 +17,9 @@ PLAIN = Look()
 
 
 def pictures(splats: Splats, look: Look = PLAIN) -> list[np.ndarray]:
-    options, params = RasterOptions(sh_degree=splats.sh_degree, antialiased=look.antialiased), upload(splats)
-    return [render_picture(params, c, options, look.background, look.near_clip).color for c in CAMERAS]
+    options, params = RasterOptions(sh_degree=splats.sh_degree), upload(splats)
+    drawn = DrawnAs(look.antialiased, look.near_clip)
+    return [render_picture(params, c, options, look.background, drawn).color for c in CAMERAS]
 
 
 def error(splats: Splats, truth: list[np.ndarray], look: Look = PLAIN) -> float:

@@ -1,7 +1,6 @@
 """Training on linear radiance: the tone curve, steps of colours, the unit of radiance, and what is refused."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import drjit as dr
@@ -22,6 +21,7 @@ from mi_dogsplat.runs.run import train
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scores.score import ScoreRule, energies
+from mi_dogsplat.scores.training_views import TrainingViews
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import linear_to_srgb, linear_to_srgb_log, srgb_log_to_linear
 from mi_dogsplat.training.config import TrainConfig
@@ -167,16 +167,16 @@ def test_scores_count_what_is_seen_through_the_curve():
     lamps = truth().uniform_sh(0)
     lamps.sh_coeffs[:] = np.abs(lamps.sh_coeffs) + 8
     lamps.logit_opacities[:] = 6  # no pixel between lamps and black background is below white
-    plain = ScoreRule("leave-one-out", spectral_weight=0.0)
-    seen = replace(plain, curve=SrgbLog())
+    rule = ScoreRule("leave-one-out", spectral_weight=0.0)
 
-    def spatial(rule: ScoreRule, factor: float) -> np.ndarray:
-        return energies(rule, upload(brightened(lamps, factor)), camera, options, 1e3 * factor, 0)[0]
+    def spatial(curve: SrgbLog | None, factor: float) -> np.ndarray:
+        views = TrainingViews(camera, options, 1e3 * factor, curve=curve)
+        return energies(rule, upload(brightened(lamps, factor)), views, 0)[0]
 
-    one = spatial(seen, 1.0)
-    np.testing.assert_allclose(spatial(seen, 16.0), one, rtol=2e-2, atol=1e-3 * one.max())
-    raw = spatial(plain, 1.0)
-    np.testing.assert_allclose(spatial(plain, 16.0), 256 * raw, rtol=2e-2, atol=0.256 * raw.max())
+    one = spatial(SrgbLog(), 1.0)
+    np.testing.assert_allclose(spatial(SrgbLog(), 16.0), one, rtol=2e-2, atol=1e-3 * one.max())
+    raw = spatial(None, 1.0)
+    np.testing.assert_allclose(spatial(None, 16.0), 256 * raw, rtol=2e-2, atol=0.256 * raw.max())
 
 
 @pytest.mark.parametrize(("format", "size"), [("ply", 3020), ("spz", 410), ("sog", 7030)])

@@ -1,14 +1,15 @@
 """What a run asks of scores: by its own views, and only by the pixels that its masks leave."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.engine.device_camera import DeviceCamera
-from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scores.bands import bands
 from mi_dogsplat.scores.score import ScoreRule, energies
 from mi_dogsplat.scores.slope_losses import curvature_losses, slope_losses
+from mi_dogsplat.scores.training_views import TrainingViews, whole
 from mi_dogsplat.training.strategy.options import NO_CUT, NO_SECOND_CUT, REMOVAL, Options
 from mi_dogsplat.training.train import Trainer
 from photographs import config_of, left_half, write_masks
@@ -20,23 +21,27 @@ def trainer_of(data, folder, on_disk=False) -> Trainer:
     return Trainer(config_of(masks=masks, data_on_disk=on_disk, sh_degree=1), dataset)
 
 
-def given(trainer: Trainer) -> tuple[dict, list[DeviceCamera], RasterOptions]:
-    return trainer.optimizer.params, trainer.photographs.cameras, trainer.options
+def views_of(trainer: Trainer, mask: Callable[[int], np.ndarray | None] = whole) -> TrainingViews:
+    return TrainingViews(trainer.photographs.cameras, trainer.options, mask=mask)
+
+
+def half_of(trainer: Trainer) -> tuple[dict, TrainingViews]:
+    return trainer.optimizer.params, views_of(trainer, lambda _: left_half())
 
 
 @pytest.mark.parametrize("on_disk", [False, True])
 def test_pruning_goes_by_the_pixels_that_count(data, tmp_path, on_disk):
     trainer, rule = trainer_of(data, tmp_path, on_disk), ScoreRule("leave-one-out", spectral_weight=0.0)
-    expected = rule(*given(trainer), 0.0, 0, lambda _: left_half())
+    expected = rule(*half_of(trainer), 0)
     np.testing.assert_allclose(trainer.importance(rule), expected, rtol=1e-6)
-    assert not np.allclose(expected, rule(*given(trainer), 0.0, 0), rtol=0.1)
+    assert not np.allclose(expected, rule(trainer.optimizer.params, views_of(trainer), 0), rtol=0.1)
 
 
 def test_masks_are_as_large_as_the_pictures_are_shown(data, tmp_path):
     trainer = trainer_of(data, tmp_path)
     trainer.photographs.shrink(2)
     small = left_half()[::2, ::2]
-    expected = REMOVAL(*given(trainer), 0.0, 0, lambda _: small)
+    expected = REMOVAL(trainer.optimizer.params, views_of(trainer, lambda _: small), 0)
     np.testing.assert_allclose(trainer.importance(REMOVAL), expected, rtol=1e-6)
 
 
@@ -47,10 +52,10 @@ def test_so_do_the_options_among_which_bytes_are_divided(data, tmp_path):
     splats.sh_coeffs[:, 1:] = 0.2
     trainer.optimizer.assign("sh_rest", splats.sh_coeffs.reshape(splats.n_splats, -1))
     found = Options.of(trainer, splats)
-    expected = energies(REMOVAL, *given(trainer), 0.0, 0, lambda _: left_half())[0]
+    params, views = half_of(trainer)
+    expected = energies(REMOVAL, params, views, 0)[0]
     np.testing.assert_allclose(found.removal, expected, rtol=1e-6)
-    params, cameras, options = given(trainer)
-    losses = bands(params, splats.sh_coeffs, cameras, options, lambda _: left_half()).losses()
+    losses = bands(params, splats.sh_coeffs, views).losses()
     np.testing.assert_allclose(found.by_degree, losses, rtol=1e-6)
     assert losses[:, 0].max() > 0
 
@@ -62,9 +67,9 @@ def test_what_each_kind_of_rows_is_worth_is_looked_at_in_the_primitives_that_hav
         ((name, shape),), index = group.arrays.items(), np.arange(k, n, len(OWN_AXES))
         trainer.optimizer.set_rows(group, index, {name: rng.normal(size=(len(index), *shape)).astype(np.float32)})
     found = Options.of(trainer, trainer.optimizer.to_splats())
-    shown = given(trainer)
-    expected = [losses(*shown, lambda _: left_half()) for losses in (slope_losses, curvature_losses)]
-    expected += [energies(rule, *shown, 0.0, 0, lambda _: left_half())[0] for rule in (NO_CUT, NO_SECOND_CUT)]
+    shown = half_of(trainer)
+    expected = [losses(*shown) for losses in (slope_losses, curvature_losses)]
+    expected += [energies(rule, *shown, 0)[0] for rule in (NO_CUT, NO_SECOND_CUT)]
     for group, rows, losses in zip(OWN_AXES, (found.slopes, found.curvatures, found.cuts, found.second_cuts), expected,
                                    strict=True):  # fmt: skip
         np.testing.assert_array_equal(np.flatnonzero(rows.has), trainer.optimizer.index_of(group))

@@ -85,7 +85,7 @@ def test_a_picture_is_what_the_rasterizer_draws_and_smaller_while_moving():
     model, camera = tiny_data.dog_model(), tiny_data.cameras()[2]
     renderer = Renderer(model, NEAR)
     drawn = renderer.draw(pose_of(camera), Settings(height=camera.height, background=0.5))
-    expected = render_picture(upload(model), camera, RasterOptions(1), 0.5, 0.05).color
+    expected = render_picture(upload(model), camera, RasterOptions(1), 0.5, NEAR).color
     assert drawn.image.dtype == np.uint8 and np.abs(uint8(expected) - drawn.image).max() <= 1
     small = renderer.draw(pose_of(camera), Settings(height=300), moving=True).image
     assert small.shape == (120, 160, 3)
@@ -98,7 +98,7 @@ def test_each_choice_draws_its_part_of_the_model():
     assert list(picture) == [MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE]
     parts = {MODEL: model, WITHOUT_DOG: model.plain(), ONLY_DOG: model.only_dog()}
     parts[ONLY_GAUSSIANS] = model.only_gaussians()
-    floats = {s: render_picture(upload(part), camera, RasterOptions(1), 0.0, 0.05).color for s, part in parts.items()}
+    floats = {s: render_picture(upload(part), camera, RasterOptions(1), 0.0, NEAR).color for s, part in parts.items()}
     for show, expected in floats.items():
         assert np.abs(uint8(expected) - picture[show]).max() <= 1, show
     difference = np.abs(floats[MODEL] - floats[WITHOUT_DOG]).mean(axis=-1)
@@ -130,7 +130,7 @@ def test_slopes_and_cuts_can_be_switched_off_and_their_difference_shown(changed,
     model, camera = changed(tiny_data.dog_model(), every=3), tiny_data.cameras()[0]
     renderer, pose = Renderer(model, NEAR), pose_of(camera)
     assert renderer.choices == [MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE, *choices]
-    with_them, without = (render_picture(upload(part), camera, RasterOptions(1), 0.0, 0.05).color
+    with_them, without = (render_picture(upload(part), camera, RasterOptions(1), 0.0, NEAR).color
                           for part in (model, bare(model)))  # fmt: skip
     assert np.abs(uint8(without) - renderer.draw(pose, Settings(choices[0], camera.height)).image).max() <= 1
     drawn = renderer.draw(pose, Settings(choices[1], camera.height, gain=2.0))
@@ -145,7 +145,7 @@ def test_the_sh_degree_is_limited():
     model, pose = tiny_data.truth(), pose_of(tiny_data.cameras()[0])
     renderer = Renderer(model, NEAR)
     full, flat = (renderer.draw(pose, Settings(height=36, sh_degree=degree)).image for degree in (3, 0))
-    truth = render_picture(upload(model), tiny_data.cameras()[0], RasterOptions(0), 0.0, 0.05).color
+    truth = render_picture(upload(model), tiny_data.cameras()[0], RasterOptions(0), 0.0, NEAR).color
     assert np.abs(uint8(truth) - flat).max() <= 1 and np.abs(full.astype(int) - flat).max() > 2
 
 

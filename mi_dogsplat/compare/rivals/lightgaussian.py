@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.device_camera import DeviceCamera
-from ...engine.options import RasterOptions
 from ...scene.opacity import sigmoid
+from ...scores.training_views import TrainingViews
 from ...scores.weights import weights
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
@@ -32,12 +31,11 @@ class GlobalSignificance:
 
     volume_power: float = 0.1
 
-    def __call__(
-        self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
-    ) -> np.ndarray:
+    def __call__(self, params: dict, views: TrainingViews, seed: int) -> np.ndarray:
         opacity = sigmoid(params["logit_opacities"].numpy().astype(np.float64))  # [N]
         log_volume = params["log_scales"].numpy().reshape(-1, 3).sum(1, dtype=np.float64)  # [N]
-        return opacity * weights(params, cameras, options).transmittance * np.exp(self.volume_power * log_volume)
+        transmittance = weights(params, views.cameras, views.options).transmittance
+        return opacity * transmittance * np.exp(self.volume_power * log_volume)
 
 
 RECIPE = Recipe(pruning=PruningRule(stop=15_500, division=(1.0,), rounds=1), score=GlobalSignificance())

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.device_camera import DeviceCamera
-from ...engine.options import RasterOptions
+from ...scores.training_views import TrainingViews
 from ...scores.weights import weights
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
@@ -33,10 +32,8 @@ DEVIATIONS = (
 class SummedWeight:
     """Σ α T, or 0 without a pixel of its own."""
 
-    def __call__(
-        self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
-    ) -> np.ndarray:
-        found = weights(params, cameras, options)
+    def __call__(self, params: dict, views: TrainingViews, seed: int) -> np.ndarray:
+        found = weights(params, views.cameras, views.options)
         return np.where(found.dominates, found.total, 0)
 
 

@@ -26,6 +26,7 @@ from ...engine.project import project
 from ...engine.view import prepare_both
 from ...engine.walks.composite import composite_over
 from ...engine.walks.fisher import COLUMNS, PAIRS, SHAPE, composite_fisher, patch_blocks
+from ...scores.training_views import TrainingViews
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
 
@@ -41,10 +42,8 @@ RESOLUTION = 1e-7  # of float32 sums: smaller eigenvalues of H, its diagonal sca
 class Sensitivity:
     """log det H."""
 
-    def __call__(
-        self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
-    ) -> np.ndarray:
-        H = fisher(params, cameras, options, background)
+    def __call__(self, params: dict, views: TrainingViews, seed: int) -> np.ndarray:
+        H = fisher(params, views)
         lengths = np.sqrt(np.einsum("nii->ni", H))  # [N, 6]
         whole = (lengths > 0).all(1)
         scaled = H[whole] / (lengths[whole, :, None] * lengths[whole, None, :])
@@ -54,14 +53,15 @@ class Sensitivity:
         return result
 
 
-def fisher(params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float) -> np.ndarray:
+def fisher(params: dict, views: TrainingViews) -> np.ndarray:
     """[N, 6, 6] H of each primitive, by (mean, log scales)."""
     params = dr.detach(params)
     total = np.zeros((dr.width(params["logit_opacities"]), 6, 6))
-    for camera in cameras:
-        sums = _products(params, camera, options, background)  # [COLUMNS, N]
+    for camera in views.cameras:
+        sums = _products(params, camera, views.options, views.background)  # [COLUMNS, N]
         seen = np.flatnonzero(sums[-1] > 0)
-        A, B = np.split(_jacobian(params, camera, options)[seen], [SHAPE], axis=1)  # [n, 5, 6] shape, [n, 3, 6] color
+        jacobian = _jacobian(params, camera, views.options)[seen]
+        A, B = np.split(jacobian, [SHAPE], axis=1)  # [n, 5, 6] shape, [n, 3, 6] color
         of_pairs, crossed, squared = np.split(sums[:, seen], [len(PAIRS), COLUMNS - 1])
         G = np.zeros((len(seen), SHAPE, SHAPE))
         for (i, j), column in zip(PAIRS, of_pairs, strict=True):

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.device_camera import DeviceCamera
-from ...engine.options import RasterOptions
+from ...scores.training_views import TrainingViews
 from ...scores.weights import weights
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
@@ -26,10 +25,8 @@ DEVIATIONS = (
 class LargestWeight:
     """max α T."""
 
-    def __call__(
-        self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
-    ) -> np.ndarray:
-        return weights(params, cameras, options).largest
+    def __call__(self, params: dict, views: TrainingViews, seed: int) -> np.ndarray:
+        return weights(params, views.cameras, views.options).largest
 
 
 RECIPE = Recipe(

@@ -120,7 +120,7 @@ class Quantiser:
         for name in ("log_scales", "quats"):
             optimizer.assign(name, getattr(splats, name))
             optimizer.reset_moments(name)
-        found = weights(optimizer.params, list(cameras), options).total
+        found = weights(optimizer.params, cameras, options).total
         coding.weights = np.maximum(found, LEAST_WEIGHT)
 
     @property

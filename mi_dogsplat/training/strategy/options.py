@@ -22,7 +22,6 @@ from ...scene.splats import Splats
 from ...scores.bands import Bands, bands
 from ...scores.score import ScoreRule, energies
 from ...scores.slope_losses import curvature_losses, slope_losses
-from ...scores.toned import toned
 from .allocation import allocate
 from .strategy import Training
 
@@ -96,14 +95,12 @@ class Options:
 
         ``splats`` is its model, with rows that are to come.
         """
-        params, cameras, options = t.optimizer.params, t.photographs.cameras, t.options
-        background, masks, curve = t.photographs.background, t.photographs.shown_mask, t.photographs.curve
-        seen = toned(curve, params, cameras, options, background, masks) if curve else masks
+        params, views = t.optimizer.params, t.training_views
         n, whole = splats.n_splats, splats.uniform_sh()
-        found = bands(params, whole.sh_coeffs, cameras, options, seen)
+        found = bands(params, whole.sh_coeffs, views)
 
         def energy(rule: ScoreRule) -> np.ndarray:
-            return energies(replace(rule, curve=curve), params, cameras, options, background, 0, masks)[0]
+            return energies(rule, params, views, seed=0)[0]
 
         def rows(group: RowGroup, loss: Callable[[], np.ndarray]) -> Rows:
             measured = loss if len(t.optimizer.index_of(group)) else None
@@ -111,8 +108,8 @@ class Options:
 
         of_groups = (
             rows(DOG, lambda: energy(NO_DOG)),
-            rows(SLOPES, lambda: slope_losses(params, cameras, options, seen)),
-            rows(CURVATURES, lambda: curvature_losses(params, cameras, options, seen)),
+            rows(SLOPES, lambda: slope_losses(params, views)),
+            rows(CURVATURES, lambda: curvature_losses(params, views)),
             rows(CUTS, lambda: energy(NO_CUT)),
             rows(SECOND_CUTS, lambda: energy(NO_SECOND_CUT)),
         )

@@ -47,6 +47,7 @@ from ...engine.parameters import device_array
 from ...engine.rasterize import Frame
 from ...render.picture import Picture
 from ...scores.score import Score
+from ...scores.training_views import TrainingViews
 from ..events import Event
 from ..loss_means import LossMeans
 from ..memory_budget import Budget
@@ -75,6 +76,9 @@ class Training(Protocol):
 
     @property
     def options(self) -> RasterOptions: ...  # how a training view is rendered now
+
+    @property
+    def training_views(self) -> TrainingViews: ...  # as the loss sees them now, for scores
 
     def due(self) -> bool: ...  # whether primitives are counted after this step: a row is logged, or a strategy is due
 

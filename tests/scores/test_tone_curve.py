@@ -8,10 +8,12 @@ from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.reference import render
+from mi_dogsplat.reference.score import weights
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import bands
 from mi_dogsplat.scores.score import ScoreRule, energies
-from mi_dogsplat.scores.toned import toned
+from mi_dogsplat.scores.squared_weights import squared_weights
+from mi_dogsplat.scores.training_views import TrainingViews
 from mi_dogsplat.support.srgb import linear_to_srgb_log
 from mi_dogsplat.training.images.tone_curve import SrgbLog
 from tiny_data import HEIGHT, WIDTH, cameras
@@ -52,15 +54,13 @@ def energy(splats: Splats, other: Splats) -> float:
 
 def test_removals_and_bands_of_colour_count_what_is_seen_through_the_curve():
     splats, on_device = model(), [DeviceCamera.upload(camera, 0.2) for camera in VIEWS]
-    params, curve = upload(splats), SrgbLog()
-    seen = toned(curve, params, on_device, OPTIONS, BACKGROUND, mask)
-    for view in range(len(VIEWS)):
-        found = seen(view)
-        assert found is not None
-        np.testing.assert_allclose(found, weight(splats, view), rtol=2e-3)
-    rule = ScoreRule("leave-one-out", spectral_weight=0.0, curve=curve)
-    removal = energies(rule, params, on_device, OPTIONS, BACKGROUND, 0, mask)[0]
-    without_bands = bands(params, splats.sh_coeffs, on_device, OPTIONS, seen)
+    params, views = upload(splats), TrainingViews(on_device, OPTIONS, BACKGROUND, mask, SrgbLog())
+    for view, camera in enumerate(VIEWS):
+        squares = np.square(weights(splats, camera)[0])  # [N, H, W]
+        expected = (weight(splats, view) * squares).sum((1, 2))
+        np.testing.assert_allclose(squared_weights(params, views, view).numpy(), expected, rtol=2e-3)
+    removal = energies(ScoreRule("leave-one-out", spectral_weight=0.0), params, views, 0)[0]
+    without_bands = bands(params, splats.sh_coeffs, views)
     lost = without_bands.losses()[:, 0]
     flat = without_bands.fitted(np.zeros(splats.n_splats, int))
     chosen = np.argsort(-removal)[:5]
