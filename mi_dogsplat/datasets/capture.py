@@ -34,7 +34,7 @@ from .dataset import TEST_EVERY
 from .given_cameras import auto_up, listed_shots, sensor_shots
 from .images import read_image
 from .point_ply import write_point_ply
-from .scene_file import framing_sphere, load_scene
+from .scene_file import framing_sphere, load_scene, warn_of_unseen_splats
 from .traced_view import as_srgb, depth_of, first_surfaces, render_shot
 from .transforms import intrinsics_of
 
@@ -101,6 +101,7 @@ def _fill(
 
 def _plan(scene_path: Path, config: CaptureConfig) -> Plan:
     scene, hidden = load_scene(scene_path, config.alpha)
+    warn_of_unseen_splats(scene_path)
     if config.circling:
         shots, framing = _circling(scene_path, scene, config)
     elif config.path == "sensors":

@@ -10,7 +10,9 @@ import numpy as np
 from ..support.errors import DataError
 from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.threads import threads_to_load
+from ..support.wording import counted
 
+SPLATTING = {"dogsplat", "dogpath"}  # integrators that draw ``dog`` shapes
 SURROUNDING = 4.0  # a floor or dome is so many times larger than all that is smaller
 FLAT = 0.02  # thickness of a floor, times its diagonal
 
@@ -43,12 +45,32 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
     if not isinstance(scene, mi.Scene):
         raise DataError(path, "its root is no scene", "give a file with a <scene> element")
     if scene.integrator() is None:
-        raise DataError(path, "the scene has no integrator", 'add <integrator type="path"/>')
+        kind = "dogsplat" if has_splats(path) else "path"
+        raise DataError(path, "the scene has no integrator", f'add <integrator type="{kind}"/>')
     return scene, hidden
 
 
 def has_splats(path: Path) -> bool:
     """Whether some shapes of a scene are ``dog``; it is read, not loaded. Raises ``DataError``."""
+    return bool(_splats_and_integrators(path)[0])
+
+
+def warn_of_unseen_splats(path: Path) -> None:
+    """Warn of ``dog`` shapes in a scene whose integrator does not know splats and leaves them out without a word.
+
+    The scene is read, not loaded. Raises ``DataError``.
+    """
+    import mitsuba as mi
+
+    n_splats, integrators = _splats_and_integrators(path)
+    if n_splats and integrators and not integrators & SPLATTING:
+        log: Any = mi.Log
+        unseen = counted(n_splats, "dog shape")
+        log(mi.LogLevel.Warn, f"{path}: {unseen} not seen; use the integrator dogsplat or dogpath")
+
+
+def _splats_and_integrators(path: Path) -> tuple[int, set[str]]:
+    """(number of ``dog`` shapes, plugins of the integrators, nested ones included) of a scene. Raises ``DataError``."""
     import mitsuba as mi
 
     config = _parser_config(path)
@@ -56,7 +78,9 @@ def has_splats(path: Path) -> bool:
         state = mi.parser.parse_file(config, str(path))
     except Exception as error:  # as above
         raise scene_error(path, error, "Mitsuba cannot load it") from error
-    return any(node.type == mi.ObjectType.Shape and node.props.plugin_name() == "dog" for node in state.nodes)
+    plugins = [(node.type, node.props.plugin_name()) for node in state.nodes]
+    n_splats = plugins.count((mi.ObjectType.Shape, "dog"))
+    return n_splats, {name for kind, name in plugins if kind == mi.ObjectType.Integrator}
 
 
 def _parser_config(path: Path) -> Any:

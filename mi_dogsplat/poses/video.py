@@ -13,6 +13,7 @@ import numpy as np
 
 from ..support.errors import DataError
 from ..support.wording import counted
+from .video_colors import srgb_of
 
 FORMATS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,asf,flv,ogg"
 OPTIONS = {"protocol_whitelist": "file", "format_whitelist": FORMATS}
@@ -86,10 +87,10 @@ def grey_of(frame: Any, longest: int) -> np.ndarray:
 
 
 def upright_rgb(frame: Any, aspect: float) -> np.ndarray:
-    """uint8 [H, W, 3] with square pixels, turned as the file says that it was held; ``aspect`` as in ``read_frames``.
+    """sRGB, uint8 [H, W, 3], with square pixels, turned as it was held; ``aspect`` as in ``read_frames``.
 
     A camera of structure from motion has one focal length for both axes.
     """
-    wide = frame.to_ndarray(format="rgb24", width=round(frame.width * aspect), height=frame.height)
+    wide = srgb_of(frame, round(frame.width * aspect))
     quarters = round(frame.rotation / 90)  # counterclockwise
     return np.ascontiguousarray(np.rot90(wide, quarters))

@@ -10,6 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..datasets.scene_file import warn_of_unseen_splats
 from ..engine.aovs import read_names
 from ..formats.read import read_model
 from ..scene.appearance import read_appearance
@@ -136,6 +137,8 @@ def _drawn(file: str, spp: int, on_pass: Callable[[int, int], None] | None) -> A
         raise RuntimeError("it has no integrator")
     if isinstance(integrator, SplatIntegrator):
         integrator.on_pass = on_pass
+    else:
+        warn_of_unseen_splats(Path(file))
     with interruptible():
         mi.render(scene, spp=spp)
     return scene.sensors()[0].film().bitmap()

@@ -5,9 +5,14 @@ from pathlib import Path
 import captured_scenes
 import mitsuba as mi
 import pytest
+import tiny_data
 from captured_scenes import error_of, tiny, write_scene
 from mi_dogsplat.cli import main
 from mi_dogsplat.datasets import capture as module
+from mi_dogsplat.datasets.capture import capture
+from mi_dogsplat.scene.ply import write_ply
+
+SPLATS = '<shape type="dog"><string name="filename" value="model.ply"/></shape>'
 
 
 @pytest.fixture(scope="module")
@@ -21,14 +26,16 @@ def balls(tmp_path_factory) -> Path:
         (None, "no such file"),
         ("<scene", "Mitsuba cannot load it"),
         ('<scene version="3.0.0"><integrator type="path"/><emitter type="constant"/></scene>', "has no shape"),
-        ('<scene version="3.0.0"><shape type="sphere"/></scene>', "has no integrator"),
+        ('<scene version="3.0.0"><shape type="sphere"/></scene>', 'no integrator; add <integrator type="path"/>'),
+        ('<scene version="3.0.0">SPLATS</scene>', 'no integrator; add <integrator type="dogsplat"/>'),
         ('<bsdf version="3.0.0" type="diffuse"/>', "its root is no scene"),
     ],
 )
 def test_a_scene_that_cannot_be_captured_is_named_and_leaves_nothing(tmp_path, content, problem):
     file = tmp_path / "scene.xml"
     if content is not None:
-        file.write_text(content)
+        write_ply(tmp_path / "model.ply", tiny_data.truth())
+        file.write_text(content.replace("SPLATS", SPLATS))
     message = error_of(file, tmp_path / "out", tiny())
     assert message.startswith(str(file)) and problem in message
     assert not (tmp_path / "out").exists()
@@ -37,6 +44,15 @@ def test_a_scene_that_cannot_be_captured_is_named_and_leaves_nothing(tmp_path, c
 def test_a_variant_without_a_compiler_is_refused_in_words(balls, tmp_path):
     mi.set_variant("scalar_rgb")
     assert "scalar_rgb renders no arrays" in error_of(balls, tmp_path / "out", tiny())
+
+
+@pytest.mark.parametrize("integrator", ["path", "dogpath"])
+def test_splats_that_the_integrator_leaves_out_are_warned_of(tmp_path, capfd, integrator):
+    write_ply(tmp_path / "model.ply", tiny_data.truth())
+    scene = write_scene(tmp_path, SPLATS, integrator=f'<integrator type="{integrator}"/>')
+    capture(scene, tmp_path / "out", tiny(views=1, test=0, size=(8, 6), spp=1, points=0))
+    told = "scene.xml: 1 dog shape not seen; use the integrator dogsplat or dogpath" in "".join(capfd.readouterr())
+    assert told == (integrator == "path")
 
 
 def test_a_render_that_is_not_finite_names_its_view(tmp_path):

@@ -220,16 +220,15 @@ def test_the_examples_of_the_help_run(name, folder, capsys):
 
 @pytest.mark.parametrize("page", [p for p in PAGES if fences(p, "python")], ids=page_id)
 def test_the_programs_of_a_page_run(page, folder):
+    """Each in a process of its own, and as it stands: a reader has imported nothing and set no variant before it."""
     for text in fences(page, "python"):
         if "aborts" in text or "SLURMCluster" in text:  # shows what ends the process; needs a cluster
             ast.parse(text)
             continue
-        start = f"import mi_dogsplat, mitsuba as mi\nmi.set_variant({mi.variant()!r})\n"
-        start = "" if "set_variant" in text else start
         fewer = re.sub(r"spp=\d+", "spp=1", text)  # samples and steps, which make it long
         fewer = re.sub(r"\bsteps=\d+", "steps=8", fewer)
         fewer = re.sub(r"^(?=\S.*\bexport_model\()", SHORT_EXPORTS, fewer, flags=re.M)
-        command = [sys.executable, "-W", "error", "-c", start + fewer]
+        command = [sys.executable, "-W", "error", "-c", fewer]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 

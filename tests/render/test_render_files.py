@@ -248,6 +248,14 @@ def test_a_scene_with_a_dog_shape_shows_the_model(model, tmp_path):
     assert read_png(tmp_path / "s.png")[8, 10].max() > 20
 
 
+@pytest.mark.parametrize("integrator", ["path", "dogsplat"])
+def test_splats_that_the_integrator_leaves_out_are_warned_of(model, tmp_path, capfd, integrator):
+    shape = f'<shape type="dog"><string name="filename" value="{model}"/></shape>'
+    render_scene(scene_file(tmp_path, f'<integrator type="{integrator}"/>{shape}{SENSOR}'), tmp_path / "s.png")
+    told = "scene.xml: 1 dog shape not seen; use the integrator dogsplat or dogpath" in "".join(capfd.readouterr())
+    assert told == (integrator == "path")
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -1,0 +1,57 @@
+"""Colours of a video's frames as sRGB, which photographs are in.
+
+A file says how its luma and chroma were made of RGB, by which curve RGB was made of light, and which primaries it has.
+HDR of phones has another curve and primaries than sRGB, and looks pale where nobody takes that into account.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..support.srgb import displayed
+
+BT709, UNSPECIFIED = 1, 2  # matrices of ISO/IEC 23091-2, as ffmpeg numbers them
+PQ, HLG = 16, 18  # transfer functions, in the same table
+HD_WIDTH, SD_HEIGHT = 1280, 576  # what does not say is BT.709 from there on and above, as in players
+WHITE_NITS = 203.0  # light of diffuse white in HDR (ITU-R BT.2408)
+PEAK_NITS, SYSTEM_GAMMA = 1000.0, 1.2  # of the screen that HLG is shown on (BT.2100)
+SRGB_FROM_BT2020 = np.array(  # linear colours (BT.2087)
+    [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]], np.float32
+)
+BT2020_LUMINANCE = np.array([0.2627, 0.6780, 0.0593], np.float32)
+
+
+def srgb_of(frame: Any, width: int) -> NDArray[np.uint8]:
+    """An ``av.VideoFrame`` as sRGB [H, W, 3], ``width`` pixels wide. HDR keeps diffuse white, and clips above."""
+    shape: dict[str, Any] = {"width": width, "height": frame.height, "src_colorspace": _matrix(frame)}
+    if frame.color_trc not in (PQ, HLG):
+        return frame.to_ndarray(format="rgb24", **shape)
+    signal = frame.to_ndarray(format="rgb48le", **shape)  # uint16 [H, W, 3]
+    light = _light(frame.color_trc)[signal]
+    if frame.color_trc == HLG:
+        light *= (light @ BT2020_LUMINANCE)[..., None] ** np.float32(SYSTEM_GAMMA - 1)
+        light *= np.float32(PEAK_NITS / WHITE_NITS)
+    return np.rint(255 * displayed(light @ SRGB_FROM_BT2020.T)).astype(np.uint8)
+
+
+def _matrix(frame: Any) -> int:
+    said = int(frame.colorspace)
+    if said != UNSPECIFIED:
+        return said
+    return BT709 if frame.width >= HD_WIDTH or frame.height > SD_HEIGHT else UNSPECIFIED
+
+
+@lru_cache
+def _light(curve: int) -> NDArray[np.float32]:
+    """float32 [65536], of each 16-bit signal: for PQ light over that of diffuse white, for HLG that of the scene."""
+    signal = np.arange(65536) / 65535
+    if curve == PQ:  # SMPTE ST 2084
+        root = signal ** (1 / 78.84375)
+        light = (np.maximum(root - 0.8359375, 0) / (18.8515625 - 18.6875 * root)) ** (1 / 0.1593017578125)
+        return (10000 / WHITE_NITS * light).astype(np.float32)
+    a, b, c = 0.17883277, 0.28466892, 0.55991073  # BT.2100
+    return np.where(signal <= 0.5, signal**2 / 3, (np.exp((signal - c) / a) + b) / 12).astype(np.float32)

@@ -1,0 +1,77 @@
+"""What a video says of its colours, and what comes out as sRGB. The curves are written down here once more."""
+
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+from av.video.reformatter import Colorspace
+from mi_dogsplat.poses.video import upright_rgb
+from numpy.typing import NDArray
+
+PATCHES = np.array(
+    [[200, 40, 40], [40, 180, 60], [50, 60, 210], [220, 200, 40], [255, 255, 255], [90, 90, 90]], np.uint8
+)
+PRIMARIES = {  # xy of red, green and blue; both have the white of D65
+    "srgb": [(0.64, 0.33), (0.30, 0.60), (0.15, 0.06)],
+    "bt2020": [(0.708, 0.292), (0.170, 0.797), (0.131, 0.046)],
+}
+
+
+def xyz_from(name: str) -> NDArray[np.float64]:
+    """[3, 3], of linear colours."""
+    columns = np.array([(x / y, 1, (1 - x - y) / y) for x, y in PRIMARIES[name]]).T
+    white = np.array([0.3127 / 0.3290, 1, (1 - 0.3127 - 0.3290) / 0.3290])
+    return columns * np.linalg.solve(columns, white)
+
+
+def pq(nits: NDArray[np.float64]) -> NDArray[np.float64]:
+    y = (nits / 10000) ** 0.1593017578125
+    return ((0.8359375 + 18.8515625 * y) / (1 + 18.6875 * y)) ** 78.84375
+
+
+def hlg(nits: NDArray[np.float64]) -> NDArray[np.float64]:
+    luminance = nits @ xyz_from("bt2020")[1]
+    scene = nits / 1000 * (luminance[:, None] / 1000) ** (1 / 1.2 - 1)
+    a, b, c = 0.17883277, 0.28466892, 0.55991073
+    return np.where(scene <= 1 / 12, np.sqrt(3 * scene), a * np.log(np.maximum(12 * scene - b, 1e-9)) + c)
+
+
+def columns(colors: NDArray[Any], height: int, width: int) -> NDArray[Any]:
+    """[H, W, 3] with a column of each colour."""
+    return np.ascontiguousarray(np.broadcast_to(np.repeat(colors, width // len(colors), 0), (height, width, 3)))
+
+
+def seen(frame: av.VideoFrame) -> NDArray[np.int64]:
+    """The middles of the columns, as they come out."""
+    picture, step = upright_rgb(frame, 1.0), frame.width // len(PATCHES)
+    return picture[frame.height // 2, step // 2 :: step].astype(int)
+
+
+@pytest.mark.parametrize(("curve", "encoded"), [(16, pq), (18, hlg)], ids=["PQ", "HLG"])
+def test_hdr_of_a_phone_comes_out_in_the_colours_of_a_photograph(curve, encoded):
+    v = PATCHES / 255
+    linear = np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+    wide = np.linalg.solve(xyz_from("bt2020"), xyz_from("srgb") @ linear.T).T
+    signal = np.rint(65535 * encoded(203 * wide)).astype(np.uint16)
+    frame = av.VideoFrame.from_ndarray(columns(signal, 64, 96), format="rgb48le")
+    frame = frame.reformat(format="yuv420p10le", dst_colorspace=int(Colorspace.BT2020))
+    frame.colorspace, frame.color_primaries, frame.color_trc = 9, 9, curve
+    np.testing.assert_allclose(seen(frame), PATCHES, atol=4)
+
+
+@pytest.mark.parametrize(
+    ("size", "said", "matrix"),
+    [
+        ((1280, 720), 2, Colorspace.ITU709),  # nothing said: as players take it
+        ((720, 1280), 2, Colorspace.ITU709),
+        ((720, 576), 2, Colorspace.ITU601),
+        ((1280, 720), 5, Colorspace.ITU601),
+        ((720, 576), 1, Colorspace.ITU709),
+    ],
+)
+def test_luma_and_chroma_are_read_as_they_were_written(size, said, matrix):
+    frame = av.VideoFrame.from_ndarray(columns(PATCHES, size[1], size[0] // 6 * 6), format="rgb24")
+    frame = frame.reformat(width=size[0], format="yuv420p", dst_colorspace=int(matrix))
+    frame.colorspace = said
+    np.testing.assert_allclose(seen(frame), PATCHES, atol=4)
