@@ -1,12 +1,14 @@
 """Video files, by PyAV, whose wheel holds ffmpeg: frames one after the other, upright, with square pixels.
 
-A damaged packet is left out, as players do. Files only: no playlist, no address is followed. PyAV is silent by itself; a
-level of its log would have ffmpeg's threads wait for Python, and Python for them where a video is not read to its end.
+A damaged packet is left out, as players do. Files only: no playlist, no address is followed. PyAV is silent by itself;
+a level of its log would have ffmpeg's threads wait for Python, and Python for them where reading ends early.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,8 @@ from ..support.wording import counted
 FORMATS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,asf,flv,ogg"
 OPTIONS = {"protocol_whitelist": "file", "format_whitelist": FORMATS}
 REMEDY = "export it again, as .mp4 with H.264, or give the frames as a folder of images"
+HDR = (16, 18)  # transfer of PQ and of HLG in ITU-T H.273
+TO_SRGB = "out_primaries=bt709:out_transfer=iec61966-2-1:intent=relative_colorimetric"
 MAX_DAMAGED = 0.1  # of the packets of a video that can be used
 
 
@@ -87,8 +91,30 @@ def grey_of(frame: Any, longest: int) -> np.ndarray:
 def upright_rgb(frame: Any, aspect: float) -> np.ndarray:
     """uint8 [H, W, 3] with square pixels, turned as the file says that it was held; ``aspect`` as in ``read_frames``.
 
-    A camera of structure from motion has one focal length for both axes.
+    HDR becomes sRGB. A camera of structure from motion has one focal length for both axes.
     """
-    wide = frame.to_ndarray(format="rgb24", width=round(frame.width * aspect), height=frame.height)
+    shown = _as_srgb(frame) if frame.color_trc in HDR else frame
+    wide = shown.to_ndarray(format="rgb24", width=round(frame.width * aspect), height=frame.height)
     quarters = round(frame.rotation / 90)  # counterclockwise
     return np.ascontiguousarray(np.rot90(wide, quarters))
+
+
+def _as_srgb(frame: Any) -> Any:
+    """A frame of HDR by ffmpeg: diffuse white, 203 cd/m² by ITU-R BT.2408, becomes white, and what is brighter too."""
+    graph = _converter(frame.width, frame.height, frame.format.name)
+    graph.push(frame)
+    return graph.pull()
+
+
+@lru_cache(maxsize=1)  # the first frame of each fills a table, for seconds
+def _converter(width: int, height: int, pixels: str) -> Any:
+    from av import VideoFormat
+    from av.filter import Graph
+
+    graph = Graph()
+    source = graph.add_buffer(width=width, height=height, format=VideoFormat(pixels), time_base=Fraction(1, 30))
+    convert, sink = graph.add("scale", TO_SRGB), graph.add("buffersink")
+    source.link_to(convert)
+    convert.link_to(sink)
+    graph.configure()
+    return graph

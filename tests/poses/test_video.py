@@ -15,6 +15,7 @@ from mi_dogsplat.poses.frame_choice import LEAST, FrameMark, Odometer, choose, s
 from mi_dogsplat.poses.frames import take_frames
 from mi_dogsplat.poses.video import grey_of, pixel_aspect, read_frames, upright_rgb
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.srgb import srgb_to_linear
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.ndimage import shift as moved
@@ -144,6 +145,35 @@ def test_frames_whose_pixels_are_not_square_are_widened_before_they_are_turned(t
         shown = upright_rgb(squeezed, aspect)[..., 0] > 128
         assert shown.shape == size
         assert [shown.any(axis=k).sum() for k in (0, 1)] == pytest.approx([60, 60], abs=2)
+
+
+def hlg(colour: np.ndarray) -> np.ndarray:
+    """Signal (ITU-R BT.2100) of an sRGB colour whose white is shown with 203 of 1000 cd/m²."""
+    to_bt2020 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
+    shown = 0.203 * to_bt2020 @ srgb_to_linear(colour)
+    light = shown * (shown @ [0.2627, 0.6780, 0.0593]) ** (1 / 1.2 - 1)
+    bright = 0.17883277 * np.log(np.maximum(12 * light - 0.28466892, 1e-6)) + 0.55991073
+    return np.where(light <= 1 / 12, np.sqrt(3 * light), bright)
+
+
+def test_hdr_of_phones_becomes_srgb():
+    """HLG of BT.2020, 4:2:0 with 10 bits in limited range; columns of colours."""
+    import av
+
+    colours = np.array([(1, 1, 1), (0.5, 0.5, 0.5), (0.8, 0.5, 0.4), (0.3, 0.5, 0.7)])
+    signal = np.repeat([hlg(colour) for colour in colours], WIDTH // 4, axis=0)  # [W, 3]
+    luma = signal @ [0.2627, 0.6780, 0.0593]
+    blue, red = (signal[:, 2] - luma) / 1.8814, (signal[:, 0] - luma) / 1.4746
+    frame = av.VideoFrame(WIDTH, HEIGHT, "yuv420p10le")
+    for plane, row in zip(frame.planes, (64 + 876 * luma, 512 + 896 * blue[::2], 512 + 896 * red[::2]), strict=True):
+        codes = np.zeros((plane.height, plane.line_size // 2), np.uint16)
+        codes[:, : plane.width] = np.rint(row)
+        plane.update(codes.tobytes())
+    frame.color_trc, frame.color_primaries, frame.colorspace, frame.color_range = 18, 9, 9, 1  # ITU-T H.273
+    picture = upright_rgb(frame, 1.0)
+    assert picture.shape == (HEIGHT, WIDTH, 3)
+    middles = picture[:, WIDTH // 8 :: WIDTH // 4]
+    np.testing.assert_allclose(middles, np.broadcast_to(255 * colours, middles.shape), atol=3)
 
 
 @pytest.mark.parametrize("said", [None, Fraction(0), Fraction(1, 1000), Fraction(1000)])
