@@ -12,6 +12,7 @@ from ..files.transform import mean_scale, transformed
 from ..nodes.modifier import scale_limits
 from ..objects.attributes import can_edit, own_data, read_attributes, write_attributes
 from ..objects.conventions import note_applied
+from ..objects.keys import moves_by_itself
 from .stand_in import check_painting, finish_painting
 
 
@@ -79,6 +80,9 @@ def _moved(obj: bpy.types.Object) -> Model:
     """
     if any(not constraint.mute for constraint in obj.constraints):
         problem = '"{name}": its constraints would move it once more; apply or mute them first'
+        raise ValueError(told(problem, name=obj.name))
+    if moves_by_itself(obj):
+        problem = '"{name}": keys or drivers of its transform would move it once more; delete or mute them first'
         raise ValueError(told(problem, name=obj.name))
     if obj.data.shape_keys is not None:
         problem = '"{name}": its shape keys would take its splats back; apply all of them first'

@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ..objects.keys import scale_keys
 from .crop import NAME as CROP
 from .crop import SHAPES
 from .limits import NAME as LIMITS
@@ -120,10 +121,15 @@ def get_input(modifier: bpy.types.Modifier, name: str) -> Any:
 
 
 def scale_limits(obj: bpy.types.Object, factor: float) -> None:
-    """Let limits on sizes, which are in units of the object, leave the same splats that are scaled by a factor."""
+    """Let limits on sizes, which are in units of the object, leave the same splats that are scaled by a factor.
+
+    Keys of them are scaled too.
+    """
     for modifier in edit_modifiers(obj, LIMITS):
         for name in ("Minimum Size", "Maximum Size"):
             set_input(modifier, name, get_input(modifier, name) * factor)
+            owner, key = input_property(modifier, name)
+            scale_keys(obj, owner.path_from_id() + (key if key.startswith("[") else f".{key}"), factor)
     obj.update_tag()
 
 

@@ -101,6 +101,10 @@ MESSAGES = {
     '"{name}": its constraints would move it once more; apply or mute them first': (
         "„{name}“: seine Constraints würden es noch einmal bewegen; sie zuerst anwenden oder stummschalten"
     ),
+    '"{name}": keys or drivers of its transform would move it once more; delete or mute them first': (
+        "„{name}“: Schlüsselbilder oder Treiber seiner Transformation würden es noch einmal bewegen; sie zuerst "
+        "löschen oder stummschalten"
+    ),
     '"{name}": its shape keys would take its splats back; apply all of them first': (
         "„{name}“: seine Formschlüssel würden seine Splats zurückholen; zuerst alle anwenden"
     ),

@@ -21,7 +21,8 @@ def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     try:
         with path.open("rb") as file:
-            table = TableReader(path, file, path.stat().st_size).tables({"vertex"}).get("vertex")
+            reader = TableReader(path, file, path.stat().st_size)
+            table = reader.tables({"vertex"}).get("vertex")
     except OSError as error:
         raise DataError(
             path, f"cannot be read ({error.strerror})", "correct ply_file_path or remove it"
@@ -38,10 +39,11 @@ def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     colors = np.stack([table[channel] for channel in ("red", "green", "blue")], axis=1)  # [P, 3]
     if not np.isfinite(colors).all() or np.abs(colors).max(initial=0) > MAX_COLOR:
         raise DataError(path, "a colour is none", REMEDY)
-    # uchar columns hold 0..255, ushort those or 0..65535. ASCII tables come as doubles whatever the header says: there
-    # the values tell.
+    # Integer columns hold 0..255, or those of 16 bits 0..65535; floats hold 0..1, or 0..255. ASCII files are seen whose
+    # header says uchar and whose numbers are fractions.
     brightest = colors.max(initial=0)
-    full = MAX_COLOR if brightest > 255 else 255 if colors.dtype.kind == "u" or brightest > 1 else 1
+    whole = reader.codes["vertex"]["red"][0] != "f" and np.array_equal(colors, np.rint(colors))
+    full = MAX_COLOR if brightest > 255 else 255 if whole or brightest > 1 else 1
     return points, (colors / full).astype(np.float32)
 
 

@@ -18,6 +18,7 @@ from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
 from .film_config import FilmConfig
 
 LEVEL = 89.0  # degrees, of the steepest orbit
+NEAREST = 1e-6  # of the distance of cameras at one place from the origin, or of 1: how far an orbit is from them
 LARGEST_GAP = 120.0  # degrees between neighbours of a ring of cameras; with a wider one they stand on one side only
 
 
@@ -45,14 +46,23 @@ def around_model(splats: Splats, up: np.ndarray, fov: float | None) -> Surroundi
 
 
 def around_cameras(cameras: Sequence[Camera], up: np.ndarray, fov: float | None) -> Surroundings:
-    """The circle that the cameras of a data set stand on, as nearly as they do: from there a model was learnt."""
-    centre = region_of_interest(cameras)[0]
-    offsets = np.array([camera.position for camera in cameras]) - centre  # [V, 3]
-    distances = np.linalg.norm(offsets, axis=1)  # [V]
-    rises = np.degrees(np.arcsin(np.clip(offsets @ up / np.maximum(distances, 1e-30), -1, 1)))
+    """The circle that the cameras of a data set stand on, as nearly as they do: from there a model was learnt.
+
+    Of cameras that look around, it is about the middle of their places, at the pitch that they have.
+    """
+    positions = np.array([camera.position for camera in cameras])  # [V, 3]
+    if _look_inwards(cameras):
+        centre, least = region_of_interest(cameras)[0], 0.0
+        sides = positions - centre  # [V, 3] from which they see it
+    else:
+        centre = positions.mean(0)
+        least = NEAREST * max(1.0, float(np.linalg.norm(centre)))  # without a distance there is no direction
+        sides = -_directions(cameras)
+    distances = np.linalg.norm(positions - centre, axis=1)  # [V]
+    rises = np.degrees(np.arcsin(np.clip(_unit(sides) @ up, -1, 1)))
     focal = float(np.median([focal_of_camera(camera) for camera in cameras])) if fov is None else focal_of_fov(fov)
     elevation = float(np.clip(np.median(rises), -LEVEL, LEVEL))
-    return Surroundings(centre, offsets[0], up, float(np.median(distances)), elevation, focal)
+    return Surroundings(centre, sides[0], up, max(least, float(np.median(distances))), elevation, focal)
 
 
 def orbit(around: Surroundings, config: FilmConfig) -> CameraPath:
@@ -72,11 +82,32 @@ def orbit(around: Surroundings, config: FilmConfig) -> CameraPath:
 
 def stand_all_around(cameras: Sequence[Camera], up: np.ndarray) -> bool:
     """Whether cameras form a ring around what they look at, without a gap wider than ``LARGEST_GAP``."""
+    if not _look_inwards(cameras):
+        return False
     offsets = np.array([camera.position for camera in cameras]) - region_of_interest(cameras)[0]  # [V, 3]
     east, north = _horizontal(up, offsets[0])
     azimuths = np.sort(np.degrees(np.arctan2(offsets @ north, offsets @ east)))
     gaps = np.diff([*azimuths, azimuths[0] + 360])
     return bool(gaps.max() <= LARGEST_GAP)
+
+
+def _look_inwards(cameras: Sequence[Camera]) -> bool:
+    """Whether most cameras see what their axes meet at within 60 degrees of the middle of their pictures.
+
+    Those that look around from one place do not: there rounding alone says on which side of it they stand.
+    """
+    inwards = region_of_interest(cameras)[0] - np.array([camera.position for camera in cameras])  # [V, 3]
+    return bool(np.median((_unit(inwards) * _directions(cameras)).sum(1)) > 0.5)
+
+
+def _directions(cameras: Sequence[Camera]) -> np.ndarray:
+    """Unit vectors [V, 3] along the optical axes."""
+    return np.array([camera.w2c[2, :3] for camera in cameras])
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """[V, 3] of length 1; what is 0 stays so."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)
 
 
 def _horizontal(up: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,7 @@
 """Video files, by PyAV, whose wheel holds ffmpeg: frames one after the other, upright, with square pixels.
 
-A damaged packet is left out, as players do. Files only: no playlist, no address is followed.
+A damaged packet is left out, as players do. Files only: no playlist, no address is followed. PyAV is silent by itself;
+a level of its log would have ffmpeg's threads wait for Python, and Python for them where reading ends early.
 """
 
 from __future__ import annotations
@@ -33,10 +34,8 @@ def read_frames(path: Path) -> Iterator[tuple[int, Any, float]]:
     than a tenth of it was damaged.
     """
     import av
-    from av import logging
     from av.error import FFmpegError
 
-    logging.set_level(logging.PANIC)  # what is damaged is told in one line, here
     index = damaged = 0
     try:
         with av.open(str(path.absolute()), options=OPTIONS) as container:  # "12:30.mp4" alone would be a protocol

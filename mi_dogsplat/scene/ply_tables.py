@@ -58,6 +58,7 @@ class TableReader:
     def __init__(self, path: Path, file: BinaryIO, size: int):
         self.path, self.file, self.size = path, file, size
         self.comments: list[str] = []  # of the header, once it is read
+        self.codes: dict[str, dict[str, str]] = {}  # NumPy's, of each element's columns, as the header has them
 
     def fail(self, problem: str, remedy: str = _DAMAGED) -> NoReturn:
         raise DataError(self.path, problem, remedy)
@@ -70,6 +71,7 @@ class TableReader:
         follow in a binary file, for ``trailer()``.
         """
         file_format, elements = self._header()
+        self.codes = {element.name: element.properties for element in elements}
         last = max((i for i, e in enumerate(elements) if trailer or e.name in wanted), default=-1)
         for element in elements[: last + 1]:
             if element.has_list:

@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from edits import paint, shown
+from mathutils import Matrix
 from model_files import datablocks, load
 from model_values import assert_equal
 
@@ -117,26 +118,56 @@ def test_what_is_painted_stays_with_a_modifier_that_is_off(model):
     assert_equal(shown(obj), expected)
 
 
+MOVED = "its constraints would move it once more; apply or mute them first"
+KEYED = "keys or drivers of its transform would move it once more; delete or mute them first"
+SHAPED = "its shape keys would take its splats back; apply all of them first"
+
+
 @pytest.mark.parametrize("kind, said", [
-    ("constraint", "its constraints would move it once more; apply or mute them first"),
-    ("keys", "its shape keys would take its splats back; apply all of them first"),
+    ("constraint", MOVED), ("keys", KEYED), ("track", KEYED), ("driver", KEYED), ("shape keys", SHAPED),
 ])  # fmt: skip
 def test_a_transform_is_not_applied_to_what_would_not_stay(model, kind, said):
     """Until what would move it is muted, or is no more; what is selected beside it stays until then too."""
     other, obj = load(model), load(model)
     other.location.x = obj.location.x = 5
+    cause = None
     if kind == "constraint":
-        constraint = obj.constraints.new("COPY_LOCATION")
-        constraint.target = other
-    else:
+        cause = obj.constraints.new("COPY_LOCATION")
+        cause.target = other
+    elif kind == "shape keys":
         obj.shape_key_add(name="Basis")
+    elif kind == "driver":
+        cause = obj.driver_add("location", 0)
+        cause.driver.expression = "5"
+    else:
+        obj.keyframe_insert("location", index=0)
+        animation = obj.animation_data
+        if kind == "track":
+            cause = animation.nla_tracks.new()
+            cause.strips.new("moves", 1, animation.action)
+            animation.action = None
+    bpy.context.view_layer.update()
     choose(obj, other)
     before = state([obj, other])
     with pytest.raises(RuntimeError, match=f'^Error: "dog.001": {said}\n$'):
         bpy.ops.dogsplat.apply_transform()
     assert state([obj, other]) == before
-    if kind == "constraint":
-        constraint.mute = True
+    if cause is not None:
+        cause.mute = True
+    elif kind == "keys":
+        obj.keyframe_delete("location", index=0)
     else:
         obj.shape_key_clear()
     assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"} and obj.location.x == other.location.x == 0
+
+
+def test_a_transform_is_applied_where_keys_do_not_move_the_object(model):
+    """Those of another rotation mode, and of what is not a transform."""
+    obj = load(model)
+    obj.location.x = 5
+    for path in ("rotation_quaternion", "pass_index"):
+        obj.keyframe_insert(path)
+    choose(obj)
+    assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+    bpy.context.scene.frame_set(2)
+    assert obj.matrix_world == Matrix.Identity(4)

@@ -10,7 +10,7 @@ from model_values import assert_equal, assert_moved, covariances
 
 from blender_addon.files.motion import motions
 from blender_addon.files.ply import read_ply
-from blender_addon.nodes.modifier import edit_modifiers, get_input, set_input
+from blender_addon.nodes.modifier import edit_modifiers, get_input, input_property, set_input
 from blender_addon.objects.attributes import read_attributes
 
 
@@ -41,6 +41,33 @@ def test_limits_on_sizes_leave_the_same_splats_of_a_model_that_is_scaled(model, 
     bpy.context.view_layer.update()
     assert get_input(limits, "Minimum Size") == pytest.approx(0.01 * least, rel=1e-4)
     assert shown(obj).n_splats == keep.sum() > 20
+
+
+@pytest.mark.parametrize("apply", [bpy.ops.object.transform_apply, lambda: bpy.ops.dogsplat.apply_transform()])
+def test_keys_of_limits_leave_the_same_splats_of_a_model_that_is_scaled(model, apply):
+    """In each frame; those of an action that another object has too are not touched."""
+    obj = load(model)
+    bpy.ops.dogsplat.add_limits()
+    limits = edit_modifiers(obj)[0]
+    owner, path = input_property(limits, "Minimum Size")
+    for frame, size in ((1, 0.1), (3, 0.3)):
+        set_input(limits, "Minimum Size", size)
+        owner.keyframe_insert(path, frame=frame)
+    found = []
+    for others in (0, 1):
+        other = bpy.data.objects.new("other", None)
+        if others:
+            other.animation_data_create().action = obj.animation_data.action
+            if hasattr(obj.animation_data, "action_slot"):
+                other.animation_data.action_slot = obj.animation_data.action_slot
+        obj.scale = 0.5, 0.5, 0.5
+        bpy.context.view_layer.update()
+        apply()
+        bpy.context.view_layer.update()
+        for frame in (1, 2, 3):
+            bpy.context.scene.frame_set(frame)
+            found.append(get_input(limits, "Minimum Size"))
+    assert found == pytest.approx([0.05, 0.1, 0.15] * 2, rel=1e-4)
 
 
 def test_limits_stay_where_a_part_is_scaled(model):

@@ -186,6 +186,17 @@ def test_dash_starts_where_no_photograph_keeps_less_than_a_quarter_and_gives_ste
     assert [count_at(r, 0.5, 100, 900) for r in (1, 4)] == [900, 100 + 800 / 4**1.5]
 
 
+def test_dash_shows_black_photographs_whole():
+    """They have no spectrum to go by; one that is black beside others changes nothing."""
+    rng = np.random.default_rng(1)
+    black, noisy = np.zeros((40, 32, 3)), np.full((40, 32, 1), 0.5) + 0.1 * rng.normal(size=(40, 32, 3))
+    spectra = Spectra.of([black, black])
+    assert [spectra.factor(progress) for progress in (0.0, 0.5, 1.0)] == [1, 1, 1] and spectra.begins_to_fall == 0
+    with_black, alone = Spectra.of([noisy, black]), Spectra.of([noisy])
+    assert with_black.start == alone.start
+    np.testing.assert_array_equal(with_black.shares, alone.shares)
+
+
 def test_dash_grows_by_a_fifth_at_most_before_its_last_refinement_and_holds_position_steps(trainer_of):
     trainer = trainer_of(dash.RECIPE, 3000)
     rule, count = trainer.recipe.densification, trainer.optimizer.n

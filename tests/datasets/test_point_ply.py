@@ -21,3 +21,13 @@ def test_colours_come_as_shares_of_white_whatever_their_unit(tmp_path, layout, k
     points, colors = read_point_ply(tmp_path / "points.ply")
     np.testing.assert_array_equal(points, rows["xyz"])
     np.testing.assert_allclose(colors, COLORS, atol=1 / 255)
+
+
+@pytest.mark.parametrize(("kind", "values", "expected"), [
+    ("uchar", (0, 1, 1), (0, 1 / 255, 1 / 255)), ("uchar", (0, 0.5, 1), (0, 0.5, 1)), ("float", (0, 1, 1), (0, 1, 1)),
+])  # fmt: skip
+def test_the_darkest_colours_of_ascii_files_are_dark_where_the_header_says_integers(tmp_path, kind, values, expected):
+    header = "ply\nformat ascii 1.0\nelement vertex 1\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+    header += "".join(f"property {kind} {channel}\n" for channel in ("red", "green", "blue")) + "end_header\n"
+    (tmp_path / "points.ply").write_text(header + " ".join(map(str, (1, 2, 3, *values))) + "\n")
+    np.testing.assert_allclose(read_point_ply(tmp_path / "points.ply")[1][0], expected, rtol=1e-6)

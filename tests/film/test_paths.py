@@ -144,6 +144,21 @@ def test_an_orbit_of_a_data_set_stands_on_the_ring_of_its_cameras():
     np.testing.assert_allclose(positions(orbit(around, FilmConfig(zoom=2)), [0.0]) * 2, positions(path, [0.0]))
 
 
+@pytest.mark.parametrize("trembling", [0, 1e-9, 1e-3])
+def test_an_orbit_of_cameras_that_look_around_is_a_turn_on_the_spot(trembling):
+    """As level as they look, first to where the first looks: rounding, or a hand, decides neither."""
+    rng = np.random.default_rng(0)
+    azimuths = 0.4 + np.arange(24) * np.pi / 12
+    directions = np.stack([np.cos(azimuths), np.sin(azimuths), np.full(24, 0.3)], axis=1)  # [24, 3]
+    places = np.array([1.0, 2, 3]) + trembling * rng.normal(size=(24, 3))
+    around = [Camera(look_at(p, p + d, "z"), 60, 60, 24, 18, 48, 36) for p, d in zip(places, directions, strict=True)]
+    path = orbit(around_cameras(around, Z, None), FilmConfig())
+    for k in range(0, 24, 5):
+        np.testing.assert_allclose(path.at(k / 24).c2w[:3, 2], around[k].w2c[2, :3], atol=1e-6)
+    np.testing.assert_allclose(positions(path, [0, 0.5]), places[:2], atol=max(1e-5, 5 * trembling))
+    assert not stand_all_around(around, Z)
+
+
 def test_cameras_on_one_side_are_no_ring():
     ring = tiny_data.cameras(12)
     assert stand_all_around(ring, Z) and not stand_all_around(ring[:7], Z)

@@ -1,6 +1,8 @@
 """Videos: which frames are taken, how they are turned, and what is no video."""
 
 import struct
+import subprocess
+import sys
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
@@ -159,6 +161,13 @@ def test_what_is_damaged_in_the_middle_is_left_out_and_what_is_damaged_much_is_r
     (tmp_path / "head.mkv").write_bytes(data[:600])
     with pytest.raises(DataError, match="head.mkv"):
         list(read_frames(tmp_path / "head.mkv"))
+
+
+def test_a_video_need_not_be_read_to_its_end(tmp_path):
+    """In a process that can be ended where its threads wait for each other."""
+    write_video(tmp_path / "walk.mp4", panned(range(40)))
+    first = "import sys, pathlib, mi_dogsplat.poses.video as v; next(v.read_frames(pathlib.Path(sys.argv[1])))"
+    subprocess.run([sys.executable, "-c", first, str(tmp_path / "walk.mp4")], check=True, timeout=120)
 
 
 def test_a_time_before_the_first_slash_of_a_name_is_no_protocol(tmp_path, monkeypatch):

@@ -72,6 +72,8 @@ class Spectra:
         first = max(1.0, min(float(LARGEST), float(smallest), *(largest_factor(image) for image in images)))
         factors = np.array([*range(1, int(first) + 1), first], float)
         inside = np.sum([share_at(factors, image) for image in images], axis=0)
+        if inside[0] == 0:  # black: nothing tells small pictures from whole ones
+            return Spectra(1.0, np.ones(1))
         return Spectra(float(inside[-1] / inside[0]), inside[:-1] / inside[0])
 
     def factor(self, progress: float) -> int:
