@@ -47,8 +47,11 @@ POINTS_FACTOR = 4  # points kept of each view, times its share: views that see l
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A capture before anything is rendered: its shots, those for testing, and a line on how the scene is framed."""
+    """A capture before anything is rendered: of which file, its shots, the numbers of those for testing, and a line on
+    how the scene is framed."""
 
+    file: Path
+    config: CaptureConfig
     scene: Any
     shots: list[Shot]
     tests: set[int]
@@ -78,23 +81,21 @@ def capture(
     begin(out / SETTINGS, _settings(scene_path, config), "capture", FREE, BEFORE)
     with locked(out, "another capture is writing to it"):
         remove_parts(out)
-        _fill(mi, plan, scene_path, out, config, progress)
+        _fill(mi, plan, out, progress)
     return out
 
 
-def _fill(
-    mi: Any, plan: Plan, scene_path: Path, out: Path, config: CaptureConfig, progress: Callable[[int, int, str], None]
-) -> None:
-    n = len(plan.shots)
+def _fill(mi: Any, plan: Plan, out: Path, progress: Callable[[int, int, str], None]) -> None:
+    n, config = len(plan.shots), plan.config
     progress(0, n, plan.framing)
     for i, shot in enumerate(plan.shots):
         if not _is_done(out, shot, config):
-            _capture_view(mi, plan, i, scene_path, out, config)
+            _capture_view(mi, plan, i, out)
         progress(i + 1, n, plan.framing)
     if config.points:
-        _write_points(mi, plan, scene_path, out, config)
+        _write_points(mi, plan, out)
     with replacing(out / "transforms.json") as part:
-        part.write_text(json.dumps(_transforms(plan, config), indent=1) + "\n", encoding="utf-8")
+        part.write_text(json.dumps(_transforms(plan), indent=1) + "\n", encoding="utf-8")
     if not config.points:
         (out / "points.ply").unlink(missing_ok=True)
 
@@ -111,7 +112,7 @@ def _plan(scene_path: Path, config: CaptureConfig) -> Plan:
         extent = float(np.linalg.norm(np.array(box.max, np.float64) - np.array(box.min, np.float64)))
         shots = listed_shots(Path(config.path), extent if 0 < extent < math.inf else 1.0, config.downscale)
         framing = f"cameras of {config.path}"
-    return Plan(scene, shots, _tests(config, len(shots)), hidden, framing)
+    return Plan(scene_path, config, scene, shots, _tests(config, len(shots)), hidden, framing)
 
 
 def _circling(scene_path: Path, scene: Any, config: CaptureConfig) -> tuple[list[Shot], str]:
@@ -167,16 +168,16 @@ def _is_done(out: Path, shot: Shot, config: CaptureConfig) -> bool:
         return False
 
 
-def _capture_view(mi: Any, plan: Plan, i: int, scene_path: Path, out: Path, config: CaptureConfig) -> None:
+def _capture_view(mi: Any, plan: Plan, i: int, out: Path) -> None:
     """Write depth and picture of view ``i``."""
-    shot = plan.shots[i]
+    shot, config = plan.shots[i], plan.config
     try:
         image = render_shot(mi, plan.scene, shot, config.spp, config.seed * len(plan.shots) + i, config.alpha)
     except ValueError as error:
         problem, remedy = str(error).split("; ")
-        raise DataError(scene_path, f"view {shot.name} {problem}", remedy) from error
+        raise DataError(plan.file, f"view {shot.name} {problem}", remedy) from error
     except RuntimeError as error:
-        raise scene_error(scene_path, error, f"Mitsuba cannot render view {shot.name}") from error
+        raise scene_error(plan.file, error, f"Mitsuba cannot render view {shot.name}") from error
     if config.depth != "none":
         depth = depth_of(shot, *first_surfaces(mi, plan.scene, shot, plan.hidden_emitters))  # [H, W]
         path = out / _depth_name(shot, config)
@@ -195,12 +196,12 @@ def _depth_name(shot: Shot, config: CaptureConfig) -> str:
     return f"depth/{shot.name}.{config.depth}"
 
 
-def _write_points(mi: Any, plan: Plan, scene_path: Path, out: Path, config: CaptureConfig) -> None:
+def _write_points(mi: Any, plan: Plan, out: Path) -> None:
     """Write ``points.ply``: what random pixels of the training views see, in the colours of their pictures.
 
     Of linear pictures they are what a screen shows of them.
     """
-    train = [i for i in range(len(plan.shots)) if i not in plan.tests]
+    config, train = plan.config, [i for i in range(len(plan.shots)) if i not in plan.tests]
     most = POINTS_FACTOR * math.ceil(config.points / len(train))
     points, colors = [], []
     for i in train:
@@ -214,16 +215,16 @@ def _write_points(mi: Any, plan: Plan, scene_path: Path, out: Path, config: Capt
         colors.append(shown[:, :3] / np.maximum(shown[:, 3:], 1e-3) if config.alpha else shown)
     all_points, all_colors = np.concatenate(points), np.concatenate(colors)
     if not len(all_points):
-        raise DataError(scene_path, "no camera sees a surface", "check where the cameras stand, or use --points 0")
+        raise DataError(plan.file, "no camera sees a surface", "check where the cameras stand, or use --points 0")
     kept = np.random.default_rng(config.seed).permutation(len(all_points))[: config.points]
     if config.hdr:
         all_colors = displayed(all_colors, white_of_lights(luminance(all_colors)))
     write_point_ply(out / "points.ply", all_points[kept], all_colors[kept])
 
 
-def _transforms(plan: Plan, config: CaptureConfig) -> dict[str, Any]:
+def _transforms(plan: Plan) -> dict[str, Any]:
     """Content of ``transforms.json``: OpenGL camera-to-world poses, the split by file names as nerfstudio has it."""
-    intrinsics = [intrinsics_of(shot.camera) for shot in plan.shots]
+    config, intrinsics = plan.config, [intrinsics_of(shot.camera) for shot in plan.shots]
     shared = intrinsics[0] if all(entry == intrinsics[0] for entry in intrinsics) else {}
     frames = []
     for shot, own in zip(plan.shots, intrinsics, strict=True):
