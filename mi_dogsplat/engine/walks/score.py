@@ -40,7 +40,7 @@ from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
-from .walk import Meeting, Walk
+from .walk import Alphas, Meeting, Walk
 
 
 @dataclass(frozen=True)
@@ -153,19 +153,22 @@ def _composite_score(
             total = dr.fma(ξ, value, total)
         return total
 
-    def step(meeting: Meeting, T: list, behind: list) -> None:
-        slot = walk.slot(meeting)
-        alphas = walk.alphas(meeting)
-        alpha = alphas.values
-        changes = alpha
+    def changes_of(alphas: Alphas) -> list:
+        """What each pixel's α loses with the part of the primitive that F asks for."""
         if sums.degeneration:
-            changes = [a - p for a, p in zip(alpha, walk.primary_alphas(alphas.primary), strict=True)]
-        elif sums.uncut is not None:
-            changes = [a - uncut for a, uncut in zip(alpha, walk.alphas_without(alphas, sums.uncut), strict=True)]
+            return [a - p for a, p in zip(alphas.values, walk.primary_alphas(alphas.primary), strict=True)]
+        if sums.uncut is not None:
+            return [a - b for a, b in zip(alphas.values, walk.alphas_without(alphas, sums.uncut), strict=True)]
+        return alphas.values
+
+    def footprint(meeting: Meeting, T: list, behind: list) -> list[list]:
+        """F, [channel][pixel]; walks past the primitive."""
+        alphas = walk.alphas(meeting)
+        changes = changes_of(alphas)
         color, opacity = walk.features(meeting), dr.exp2(meeting.row.kernel.lo)
         blends = 1 if share is None else dr.gather(Float, share, meeting.splat, meeting.active)
         F = [[] for _ in channels]
-        for k, a in enumerate(alpha):
+        for k, a in enumerate(alphas.values):
             blended_alpha = a * blends
             weight, T_behind, goes_on = walk.advance(blended_alpha, T[k], meeting, k)
             weight = dr.select(goes_on, weight, 0)
@@ -182,6 +185,10 @@ def _composite_score(
                 d = d if counted is None else d * counted[k]
                 F[f].append((opacity if sums.channels == 1 else changes[k]) * d)
             T[k] = T_behind
+        return F
+
+    def step(meeting: Meeting, T: list, behind: list) -> None:
+        slot, F = walk.slot(meeting), footprint(meeting, T, behind)
         result = ([energy(F)] if sums.energy else []) + ([gradient_energy(F)] if sums.gradient else [])
         rows.add(slot, result + [correlation(probe, F) for probe in probes], meeting.active)
 
