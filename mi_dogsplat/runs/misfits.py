@@ -7,9 +7,10 @@ beside it are ``NAME.png`` (the render), ``NAME_gt.png`` and ``NAME_error.png`` 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from PIL import Image
@@ -37,6 +38,7 @@ SIDE = 400  # longer side of the pictures, pixels
 ERROR_FULL = 0.25  # mean absolute error of a pixel that is the palest in the picture
 
 _Rendered = tuple[View, np.ndarray]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -67,28 +69,18 @@ def find_misfits(
         exposure: each view was given colours of its own, so that those of the renders are corrected first.
     """
 
-    size = measuring_bytes(views)
+    def compared(some: Sequence[View], measure: Callable[[np.ndarray, np.ndarray, np.ndarray | None], T]) -> list[T]:
+        """``measure`` of each view's render, photograph and mask; the next one is rendered meanwhile."""
 
-    def rendered(some: Sequence[View]) -> Iterator[_Rendered]:
-        return ((view, picture(view)) for view in some)
+        def of_one(rendered: _Rendered) -> T:
+            view, image = rendered
+            mask, truth = masks.of(view) if masks else None, photograph(view, background)
+            image = np.clip(image, 0, 1)
+            return measure(np.asarray(color_corrected(image, truth, mask)) if exposure else image, truth, mask)
 
-    def pair(of: _Rendered) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        view, image = of
-        mask, truth = masks.of(view) if masks else None, photograph(view, background)
-        image = np.clip(image, 0, 1)
-        return (np.asarray(color_corrected(image, truth, mask)) if exposure else image), truth, mask
+        return pipelined(of_one, ((view, picture(view)) for view in some), measuring_bytes(views))
 
-    def fit(of: _Rendered) -> tuple[float, float] | None:
-        image, truth, mask = pair(of)
-        if mask is not None and not mask.any():
-            return None
-        return float(psnr(image, truth, mask)), relative_sharpness(image, truth, mask)
-
-    def causes(some: Sequence[View]) -> list[dict[str, float]]:
-        return pipelined(lambda of: explained(*pair(of)), rendered(some), size)
-
-    fits = zip(views, pipelined(fit, rendered(views), size), strict=True)
-    counted = {view.name: both for view, both in fits if both}
+    counted = {view.name: both for view, both in zip(views, compared(views, _fit), strict=True) if both}
     quality, sharpness = ({name: both[k] for name, both in counted.items()} for k in range(2))
     if len(quality) < FEWEST:
         return quality, []
@@ -96,13 +88,20 @@ def find_misfits(
     found = [view for view in views if view.name in poor | blurred]
     rest = [view for view in views if view.name in quality.keys() - poor - blurred]
     some = rest[:: max(1, len(rest) // USUAL_VIEWS)] if found else []
-    usual = usual_shares(causes(some))
+    usual = usual_shares(compared(some, explained))
     middle, misfits = float(np.median(list(quality.values()))), []
-    for view, shares in zip(found, causes(found), strict=True):
+    for view, shares in zip(found, compared(found, explained), strict=True):
         cause = likely_cause(shares, usual) or ("blur" if view.name in blurred else "")
         beyond = max(0.0, shares[cause] - usual[cause]) if cause else 0.0
         misfits.append(Misfit(view.name, quality[view.name], middle - quality[view.name], cause, beyond))
     return quality, sorted(misfits, key=lambda misfit: -misfit.below)
+
+
+def _fit(image: np.ndarray, truth: np.ndarray, mask: np.ndarray | None) -> tuple[float, float] | None:
+    """PSNR and relative sharpness; None where no pixel counts."""
+    if mask is not None and not mask.any():
+        return None
+    return float(psnr(image, truth, mask)), relative_sharpness(image, truth, mask)
 
 
 def _low(values: dict[str, float], least: float) -> set[str]:
