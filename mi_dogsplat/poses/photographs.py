@@ -79,6 +79,12 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
     return Photograph(target.relative_to(folder).as_posix(), width, height, camera, exif.focal, exif.turn, exif.down)
 
 
+def _lies(photograph: Photograph, mask: Path) -> bool:
+    """Whether a mask was painted on the pixels of the file, which a quarter turn made upright."""
+    with _readable(mask) as image:
+        return (image.width > image.height) != (photograph.width > photograph.height)
+
+
 @contextmanager
 def _readable(source: Path) -> Iterator[Image.Image]:
     """The image of a file. What is raised of reading it becomes a ``DataError``."""
@@ -113,12 +119,16 @@ def _write(image: Image.Image, target: Path, kind: str) -> None:
 def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> int:
     """Write ``<image>.png`` into ``folder`` for each photograph that has a mask, in its size; returns how many.
 
-    These names are COLMAP's and ``Masks``' own. Raises ``DataError`` if there is a mask for none, or one is unreadable.
+    A mask lies as its photograph is seen, or as the pixels of that lie in the file. Where one that a quarter turn made
+    upright shows the latter by its shape, it holds for all: half a turn leaves the shape as it is. These names are
+    COLMAP's and ``Masks``' own. Raises ``DataError`` if there is a mask for none, or one is unreadable.
     """
     paths = {_solid(name): path for name, path in mask_files(source).items()}
     masked = [photograph for photograph in photographs if view_name(photograph.name) in paths]
     if not masked:
         raise no_mask(source, view_name(photographs[0].name))
+    quarter_turned = [photograph for photograph in masked if photograph.turn in QUARTER_TURNS]
+    all_lie = any(_lies(photograph, paths[view_name(photograph.name)]) for photograph in quarter_turned)
     for photograph in masked:
         target, path = folder / f"{photograph.name}.png", paths[view_name(photograph.name)]
         if target.is_file():
@@ -126,8 +136,9 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
         with _readable(path) as image:
             grey = image.convert("L")
         require_white(path, float(np.asarray(grey).max()) / 255)
-        if (grey.width > grey.height) != (photograph.width > photograph.height) and photograph.turn:
-            grey = grey.transpose(photograph.turn)  # painted on the pixels as the file has them
+        lies = _lies(photograph, path) if photograph.turn in QUARTER_TURNS else all_lie
+        if lies and photograph.turn is not None:
+            grey = grey.transpose(photograph.turn)
         grey = grey.resize((photograph.width, photograph.height))
         used = np.asarray(grey) >= 128
         _write(Image.fromarray(np.where(used, 255, 0).astype(np.uint8)), target, "PNG")

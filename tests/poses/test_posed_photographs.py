@@ -188,6 +188,25 @@ def test_a_picture_that_a_phone_has_cut_out_and_enlarged_has_a_camera_of_its_own
     assert a == c != b
 
 
+@pytest.mark.parametrize("on_the_file", [True, False])
+def test_masks_of_photographs_turned_by_a_quarter_tell_how_those_of_others_lie(tmp_path, on_the_file):
+    """Half a turn leaves the shape as it is; a photograph that was not turned has but one way."""
+    quarters = {"quarter": (6, -1), "half": (3, 2), "none": (1, 0)}  # EXIF's number, turns that make it upright
+    seen = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    seen[: HEIGHT // 2, : WIDTH // 3] = 0
+    for folder in ("in", "masks"):
+        (tmp_path / folder).mkdir()
+    for name, (orientation, turns) in quarters.items():
+        Image.fromarray(pixels()).save(tmp_path / "in" / f"{name}.jpg", exif=tags(orientation))
+        mask = seen if on_the_file else np.rot90(seen, turns)
+        Image.fromarray(mask).save(tmp_path / "masks" / f"{name}.png")
+    photographs = prepared(tmp_path / "in", tmp_path / "out")
+    assert prepare_masks(tmp_path / "masks", photographs, tmp_path / "made") == 3
+    for name, (_, turns) in quarters.items():
+        made = np.asarray(Image.open(tmp_path / "made" / f"{name}.jpg.png"))
+        np.testing.assert_array_equal(made, np.rot90(seen, turns), err_msg=name)
+
+
 def test_a_mask_painted_on_the_pixels_of_the_file_is_turned_along(tmp_path):
     (tmp_path / "in").mkdir()
     (tmp_path / "masks").mkdir()
