@@ -75,7 +75,9 @@ class TableReader:
         last = max((i for i, e in enumerate(elements) if trailer or e.name in wanted), default=-1)
         for element in elements[: last + 1]:
             if element.has_list:
-                self.fail(f"element {_quote(element.name)} has a list property", _remedy(element.name))
+                elsewhere = "write it after all others, or leave it out"
+                remedy = _remedy(element.name) if element.name in wanted else elsewhere
+                self.fail(f"element {_quote(element.name)} has a list property", remedy)
         all_fixed = not any(e.has_list for e in elements)
         fixed = elements if all_fixed else elements[: last + 1]
 

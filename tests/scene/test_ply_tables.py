@@ -72,6 +72,10 @@ BAD_FILES = {
     "two x": (plain().replace(b"float y\n", b"float x\n"), 'property "x" is declared twice'),
     "two vertex": (plain().replace(b"end_header", b"element vertex 0\nend_header"), "is declared twice"),
     "list": (plain().replace(b"end_header", b"property list uchar int a\nend_header"), "has a list property"),
+    "list before": (
+        plain().replace(b"element vertex", b"element face 0\nproperty list uchar int a\nelement vertex"),
+        'element "face" has a list property; write it after all others, or leave it out',
+    ),
     "no z": (plain(z=None), 'element "vertex" has no property "z"; give a 3D Gaussian'),
     "no opacity": (plain(opacity=None), 'has no property "opacity"'),
     "no rot_3": (plain(rot_3=None), 'has no property "rot_3"'),
