@@ -122,15 +122,17 @@ def test_materials_look_as_in_cycles(scene, tmp_path):
     background(scene)
     body(plane(30), material("ShaderNodeBsdfDiffuse", Color=GREY))
     light(scene, "AREA", (2, -3, 5), (0.6, 0.3, 0), energy=300, size=2)
-    scene.render.resolution_y = 8  # what is above and below the balls is not looked at
+    fine = 8  # many pixels of few samples: we draw the samples of a pixel in many steps
+    width = scene.render.resolution_x = WIDTH * fine
+    scene.render.resolution_y = 8 * fine  # what is above and below the balls is not looked at
     columns = np.linspace(-2.4, 2.4, len(MATERIALS))
     for x, (kind, values, _) in zip(columns, MATERIALS.values(), strict=True):
         body(sphere(0.5, location=(x, 0, 0.55)), material(kind, **values))
-    scene.cycles.samples = scene.dogsplat.samples = 3000  # so many, as the balls light each other
+    scene.cycles.samples = scene.dogsplat.samples = 3000 // fine**2  # so many, as the balls light each other
     cycles, mitsuba = both(scene, tmp_path)
-    centres = (WIDTH * (0.5 + columns / 9 * scene.camera.data.lens / 36)).astype(int)
+    centres = (width * (0.5 + columns / 9 * scene.camera.data.lens / 36)).astype(int)
     for x, (name, (_, _, tolerance)) in zip(centres, MATERIALS.items(), strict=True):
-        ball = np.s_[2:6, x - 2 : x + 2]
+        ball = np.s_[2 * fine : 6 * fine, x - 2 * fine : x + 2 * fine]
         seen, expected = (values[ball].mean((0, 1)) for values in (mitsuba, cycles))
         assert np.abs(seen - expected).max() < tolerance * expected.max(), (name, seen, expected)
 
