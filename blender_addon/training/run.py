@@ -14,6 +14,7 @@ from ..files.whole import remove
 from ..package.served import RendererError
 
 LOG, HISTORY, METRICS, CONFIG, MODEL = "training.log", "history.jsonl", "metrics.json", "config.json", "point_cloud.ply"
+CHECKPOINT = Path("checkpoint") / "state.npz"
 PATIENCE = 20.0  # seconds for a training that is asked to stop, which finishes its step and saves a checkpoint
 TAIL = 4096  # bytes of a file of which the last line counts
 
@@ -32,6 +33,7 @@ class TrainingRun:
         command += [word for name, value in flags.items() for word in (f"--{name}", value)]
         if not resume:
             remove(folder / HISTORY)  # whose last row is not of this training
+            remove(folder / CHECKPOINT)  # which the package refuses to begin anew upon
         try:
             with self._log.open("wb") as log:
                 pipes = {"stdin": subprocess.PIPE, "stdout": log, "stderr": subprocess.STDOUT}

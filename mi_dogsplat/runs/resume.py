@@ -17,6 +17,14 @@ from .checkpoint import CHECKPOINT, load_checkpoint
 from .inputs import INPUTS, is_same_input, noted_inputs
 
 
+def require_no_stopped_run(out: Path) -> None:
+    """Raise ``DataError`` for the folder of a run that was stopped: beginning anew would lose what it has done."""
+    if (out / CHECKPOINT).is_file() and not (out / METRICS).is_file():
+        folder = CHECKPOINT.parent.as_posix()
+        problem, other = "holds a training that was stopped", f"remove {folder}/ there, or name another folder"
+        raise DataError(out, problem, f"add --resume to go on with it; to begin anew, {other}")
+
+
 def resume_run(trainer: Trainer, out: Path) -> None:
     """Put the trainer where the checkpoint of ``out`` is, and cut the history there.
 
@@ -37,7 +45,7 @@ def resume_run(trainer: Trainer, out: Path) -> None:
     if changed:
         name = changed[0]
         problem = f"{name} was {before.config[name]} and is {now[name]} now"
-        raise DataError(out, problem, "resume with the settings of the run, or train without --resume")
+        raise DataError(out, problem, "resume with the settings of the run, or name another folder")
     path = out / CHECKPOINT
     kept = []
     if path.exists():  # else the run was killed before its first checkpoint

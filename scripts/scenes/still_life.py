@@ -18,8 +18,8 @@ def made(work: Path, scene: ElementTree.Element, capture: list[str], train: list
     ElementTree.ElementTree(scene).write(work / "scene.xml")
     if dogsplat(["capture", str(work / "scene.xml"), "-o", str(work / "data"), *capture]):
         sys.exit("the capture failed")
-    if not (work / "run" / "metrics.json").exists() and dogsplat(
-        ["train", str(work / "data"), "-o", str(work / "run"), *train]
-    ):
+    run = work / "run"
+    resume = ["--resume"] if (run / "config.json").exists() else []
+    if not (run / "metrics.json").exists() and dogsplat(["train", str(work / "data"), "-o", str(run), *train, *resume]):
         sys.exit("the training failed")
-    shutil.copy(work / "run" / "point_cloud.ply", model)
+    shutil.copy(run / "point_cloud.ply", model)

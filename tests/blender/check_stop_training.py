@@ -35,7 +35,7 @@ def begun(tmp_path, monkeypatch):
     runs = []
 
     def begin(program: str) -> TrainingRun:
-        (tmp_path / "run").mkdir()
+        (tmp_path / "run").mkdir(exist_ok=True)
         run = TrainingRun([sys.executable, "-c", program], tmp_path, tmp_path / "run", {"steps": "9"}, False)
         runs.append(run)
         while not (tmp_path / "training.log").stat().st_size:
@@ -112,3 +112,12 @@ def test_a_training_that_is_done_by_then_is_imported(begun, model):
     looked_after()
     result = bpy.context.scene.dogsplat_training.result
     assert result is not None and len(result.data.vertices) == 150 and not WORK.busy
+
+
+def test_a_training_begun_anew_gives_up_what_a_stopped_one_has_saved(begun, tmp_path):
+    """Else the package would refuse the folder."""
+    checkpoint = tmp_path / "run" / "checkpoint" / "state.npz"
+    checkpoint.parent.mkdir(parents=True)
+    checkpoint.touch()
+    begun(IS_DEAF)
+    assert not checkpoint.exists()

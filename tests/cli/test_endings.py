@@ -12,6 +12,7 @@ import pytest
 from command_line import run
 from mi_dogsplat.cli import main
 from mi_dogsplat.cli.errors import one_line_errors, quiet_pipe, resumable
+from mi_dogsplat.runs.resume import require_no_stopped_run
 from scene_files import scene_file
 
 SHORT = ["--preset", "3dgs", "--steps", "12", "--variant", "llvm_ad_rgb"]
@@ -26,6 +27,18 @@ def test_ctrl_c_stops_with_one_line_and_status_130(capsys, data, tmp_path, monke
     assert status == 130 and err.splitlines()[-1].startswith("dogsplat: stopped") and "Traceback" not in err
     assert (tmp_path / "run" / "history.jsonl").read_text() == ""
     assert not list((tmp_path / "run").rglob(".*"))
+
+
+@pytest.mark.parametrize("command", ["train", "prune"])
+def test_what_a_stopped_training_has_done_is_not_lost_to_a_new_one(capsys, model, data, tmp_path, command):
+    checkpoint = tmp_path / "run" / "checkpoint" / "state.npz"
+    checkpoint.parent.mkdir(parents=True)
+    checkpoint.touch()
+    words = [command, *([model] if command == "prune" else []), data, "-o", tmp_path / "run"]
+    status, _, err = run(capsys, *words, "--variant", "llvm_ad_rgb")
+    assert status == 2 and err.count("\n") == 1 and "--resume" in err and "checkpoint/" in err
+    (tmp_path / "run" / "metrics.json").write_text("{}")
+    require_no_stopped_run(tmp_path / "run")  # it came to its end
 
 
 def test_ctrl_c_within_a_render_is_one_line_too(capsys):
