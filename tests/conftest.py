@@ -1,6 +1,6 @@
 """One variant for the whole suite. mi_dogsplat comes before mitsuba: it chooses the LLVM that Dr.Jit loads.
 
-Before both comes what decides how many threads they start, and how much of LLVM compiles kernels.
+Before both comes what decides how many threads they start.
 """
 
 import os
@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-import cheap_kernels  # noqa: F401
 import core_shares
 import mi_dogsplat  # noqa: F401
 import mitsuba as mi
