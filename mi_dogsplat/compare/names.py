@@ -14,6 +14,7 @@ RIVALS = (
 OURS = ("ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "ours_curvatures",
         "ours_shifts")
 """Each adds to the one before it."""
+EARLY = ("3dgs_early", "ours_early")  # with a shorter growth of their own
 PUBLISHED = ("3dgs", *RIVALS, "paper", "released", "released_40k", "ours_published", *OURS)
 EQUAL = (
     *("3dgs_equal", *(name + SUFFIX for name in RIVALS), "paper_equal", "released_equal"),
@@ -25,6 +26,7 @@ ALL = (
     *("3dgs", *RIVALS, "v1", "v2", "v3", "full", "paper", "released", "released_40k"),
     *(name for name in EQUAL if name.endswith(SUFFIX)),
     *("ours_published", "ours_gaussian", *OURS),
+    *EARLY,
 )  # in the order of the table
 
 

@@ -82,6 +82,10 @@ class PruningRule:
         checks = min(math.ceil(self.max_interval / self.check_every), max(1, round(self.max_interval * factor / every)))
         return replace(self, start=start, stop=stop, check_every=every, max_interval=checks * every)
 
+    def earlier(self, steps: int) -> PruningRule:
+        """The rule with a window that many steps earlier."""
+        return replace(self, start=self.start - steps, stop=self.stop - steps)
+
 
 @dataclass(frozen=True)
 class Decision:
