@@ -182,6 +182,8 @@ def test_step_sizes_of_a_shorter_growth_are_larger_and_those_behind_it_are_as_us
     def rates(recipe: Recipe, step: int) -> dict[str, float]:
         return LearningRates(1.0, 10**15, refinement=recipe.refinement).at(step)
 
+    threshold = recipe.densification.gradient_threshold / usual.densification.gradient_threshold
+    assert threshold == pytest.approx(math.sqrt(3))  # larger steps, larger gradients
     plain = rates(Recipe(), 0)
     assert rates(recipe, 11_999) == pytest.approx({name: 3 * rate for name, rate in plain.items()})
     begun = rates(usual, usual.refinement.start) if usual.refinement else plain
