@@ -146,12 +146,12 @@ METHODS = {name: (AS_PUBLISHED | WITH_OURS)[name] for name in ALL}
 # the same method, and what it is without DoG
 WITHOUT_DOG = {"full": "v3", "paper": "v3", "ours": "ours_gaussian"}
 GROUPS = {
-    "3DGS": ("3dgs",),
+    "3DGS": ("3dgs", "3dgs_early"),
     "pruned by a score": ("opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),
     "learned sparsity": ("mask_gaussian", "lp_3dgs", "gaussian_spa", "gns"),
     "grown to the budget": ("taming", "dash", "mcmc", "improved_gs", "3dgs_capped"),
     "the paper": ("v1", "v2", "v3", "full", "paper", "released", "released_40k"),
-    "ours": ("ours_published", "ours_gaussian", *OURS),
+    "ours": ("ours_published", "ours_gaussian", *OURS, "ours_early"),
 }
 GROUPS = {
     group: (*names, *(name + SUFFIX for name in names if name + SUFFIX in METHODS)) for group, names in GROUPS.items()

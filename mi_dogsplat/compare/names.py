@@ -21,7 +21,8 @@ EQUAL = (
     *("ours_gaussian", *OURS),
 )
 ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours_gaussian", *OURS)
-SETS = {"published": PUBLISHED, "equal": EQUAL, "ablation": ABLATION}
+SHORTER = ("3dgs", "3dgs_equal", "ours_shifts", *EARLY)  # by how much a shorter growth gains
+SETS = {"published": PUBLISHED, "equal": EQUAL, "ablation": ABLATION, "early": SHORTER}
 ALL = (
     *("3dgs", *RIVALS, "v1", "v2", "v3", "full", "paper", "released", "released_40k"),
     *(name for name in EQUAL if name.endswith(SUFFIX)),
