@@ -6,6 +6,7 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+from mitsuba.python.ad.integrators.common import ADIntegrator
 
 from .engine.rasterize import Frame
 from .plugin import surfaces
@@ -100,6 +101,8 @@ class DogSplatIntegrator(SplatIntegrator):
         if self.nested is not None and not isinstance(self.nested, mi.SamplingIntegrator):
             kind = self.nested.class_name()
             raise RuntimeError(f"dogsplat: a nested {kind} traces no rays of a camera; nest another, such as path")
+        # asked now: after a change of the variant, there and back too, Mitsuba's classes in Python are others
+        self._by_modes = isinstance(self.nested, ADIntegrator)
         self._warned = False
 
     def averages(self, scene: mi.Scene) -> bool:
@@ -115,7 +118,7 @@ class DogSplatIntegrator(SplatIntegrator):
         return self.nested is not None and others > 0
 
     def over_surfaces(self, frame: Frame, seen: Surfaces, drawn: Drawn) -> list:
-        lit = drawn.encoded(surfaces.radiance(self.nested, drawn.scene, seen))
+        lit = drawn.encoded(surfaces.radiance(self.nested, drawn.scene, seen, self._by_modes))
         T, rest = dr.select(seen.hit, frame.T, 0), dr.select(seen.hit, 0, frame.T)
         colors = [dr.fma(T, behind, c) for c, behind in zip(frame.colors, lit, strict=True)]
         return drawn.decoded(self.over_background(colors, rest, drawn))

@@ -162,8 +162,8 @@ class DogShape(mi.Mesh):
         if self.drawing.near_clip is not None:  # in units of the file
             self.drawing = replace(self.drawing, near_clip=self.drawing.near_clip * mean_scale(matrix))
         self.to_world, self._moves = mi.Transform4f(), False
-        # whether the last update fits; numbers of primitives and coefficients of the last that did
-        self._fits, self._checked = True, (splats.n_splats, splats.sh_coeffs.shape[1])
+        # whether the last update fits; shapes of the tensors, and widths of the indices, in the last that did
+        self._fits, self._checked = True, self._shapes()
 
     def _assign(self, splats: Splats):
         self.groups = [group for group in GROUPS if len(getattr(splats, group.index))]
@@ -189,7 +189,8 @@ class DogShape(mi.Mesh):
         if not self._fits:
             keys = []  # the update before raised, so that nothing is known of what it changed
         self._fits = False
-        n, size = self.means.shape[0], require_sh_size(tuple(self.sh_coeffs.shape))
+        shapes = self._shapes()
+        n, size = (shapes["means"] or (0,))[0], require_sh_size(shapes["sh_coeffs"])
         if "to_world" in keys or not keys:
             try:
                 matrix = self._matrix()
@@ -198,29 +199,29 @@ class DogShape(mi.Mesh):
                 raise RuntimeError(f'dog: "to_world": {error}') from None
             self._moves = "to_world" in keys or not np.array_equal(matrix, np.eye(4))
         rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (size, 3)}
-        shapes = {name: tuple(getattr(self, name).shape) for name in self._tensors()}
         require_rows(shapes, rows, n, "means")
         for group in self.groups:
-            require_rows(shapes, group.arrays, dr.width(getattr(self, group.index)), group.index)
+            require_rows(shapes, group.arrays, shapes[group.index][0], group.index)
         # the device is waited for where an index is read: so only if it is another, or the number of primitives is
-        changed = [g for g in self.groups if not keys or g.index in keys or n != self._checked[0]]
+        changed = [g for g in self.groups if not keys or g.index in keys or shapes["means"] != self._checked["means"]]
         for group in changed:
             index = getattr(self, group.index).numpy()
             require_index(group.index, index, n)
             if group in BESIDE_COLORS:
                 self._rows[group.index] = rows_of_splats(index, n)
         of_degrees = [group for group in SH.values() if group in self.groups]
-        if of_degrees and (changed or size != self._checked[1]):
+        if of_degrees and (changed or shapes["sh_coeffs"] != self._checked["sh_coeffs"]):
             require_one_degree([getattr(self, group.index).numpy() for group in of_degrees], size)
-        self._fits, self._checked = True, (n, size)
+        self._fits, self._checked = True, shapes
 
     @property
     def parameters(self) -> dict:
         """Flat arrays for ``rasterize``, attached to the AD graph wherever the tensors are.
 
-        Raises ``RuntimeError`` where the last update did not fit: kernels would read beyond the ends of arrays.
+        Raises ``RuntimeError`` where the last update did not fit, or tensors of other sizes that nobody has updated do
+        not: kernels would read beyond the ends of arrays.
         """
-        if not self._fits:
+        if not self._fits or self._shapes() != self._checked:
             self.parameters_changed()
         params = {name: getattr(self, name).array for name in RAW}
         for group in self._in_use():
@@ -237,6 +238,11 @@ class DogShape(mi.Mesh):
     def _tensors(self) -> list[str]:
         """Names of the differentiable parameters of primitives."""
         return [*RAW, *(name for group in self.groups for name in group.names)]
+
+    def _shapes(self) -> dict[str, tuple]:
+        """Of the tensors and indices, by their names."""
+        widths = {group.index: (dr.width(getattr(self, group.index)),) for group in self.groups}
+        return {name: tuple(getattr(self, name).shape) for name in self._tensors()} | widths
 
     def _matrix(self) -> np.ndarray:
         """The parameter ``to_world`` on the host."""

@@ -76,11 +76,19 @@ def model_of(model: Splats | Model | str | Path | mi.Shape, caller: str) -> Mode
         return read_model(model)
     if isinstance(model, Model):
         return model
-    if hasattr(model, "to_splats"):  # not isinstance: the class of the shape is another one in every variant
+    if is_dog_shape(model):
         shape: Any = model
         return Model(shape.to_splats(), shape.drawing)
     kind = type(model).__name__
     raise ValueError(f'{caller}: a model is Splats, Model, a path or a shape "dog", this is {kind}')
+
+
+def is_dog_shape(value: Any) -> bool:
+    """Whether it is a loaded shape ``dog``.
+
+    Its class does not say: that is another one after each change of the variant, there and back too.
+    """
+    return hasattr(value, "to_splats")
 
 
 def on_host(tensor: Any) -> np.ndarray:

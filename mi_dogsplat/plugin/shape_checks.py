@@ -23,7 +23,9 @@ def require_rows(shapes: Mapping[str, tuple], rows: Mapping[str, tuple], n: int,
     """Every tensor in ``rows`` (name to the shape of a row) has ``n`` rows, as ``like`` has."""
     for name, tail in rows.items():
         if shapes[name] != (n, *tail):
-            raise RuntimeError(f'dog: "{name}" has shape {shapes[name]}, expected {(n, *tail)} to match "{like}"')
+            of_row = ", ".join(map(str, tail))
+            expected = f"(N, {of_row})" if name == like else f'{(n, *tail)} to match "{like}"'
+            raise RuntimeError(f'dog: "{name}" has shape {shapes[name]}, expected {expected}')
 
 
 def require_index(name: str, index: np.ndarray, n: int) -> None:

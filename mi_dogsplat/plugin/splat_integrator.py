@@ -23,6 +23,7 @@ from .camera_masks import CHANNEL, CameraMasks
 from .drawn import Drawn, SplattedModel
 from .film import Filter, develop, has_alpha, normalized, side_by_side
 from .freezing import refuse_freezing
+from .given_model import is_dog_shape
 from .properties import given
 from .samples import Sample, samples
 from .sensor import SensorReader, ViewPass
@@ -255,7 +256,7 @@ def dog_shapes(scene: mi.Scene) -> list[DogShape]:
 
     Mitsuba's own order changes from load to load, and with it would who is in front where primitives have one depth.
     """
-    return sorted((shape for shape in scene.shapes() if isinstance(shape, DogShape)), key=lambda shape: shape.id())
+    return sorted((shape for shape in scene.shapes() if is_dog_shape(shape)), key=lambda shape: shape.id())
 
 
 def _sensor(scene: mi.Scene, sensor: mi.Sensor | int) -> mi.Sensor:

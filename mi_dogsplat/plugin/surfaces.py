@@ -74,16 +74,19 @@ def meet(
         return Surfaces(ray, view_pass.sample.seed, hit, depth, list(facing), meeting, view_pass.sensor.get_medium())
 
 
-def radiance(nested: Any, scene: Any, seen: Surfaces) -> list[mi.Float]:
-    """Linear radiance of the surfaces by a nested integrator, in Python or not; no derivatives, 0 beside them."""
+def radiance(nested: Any, scene: Any, seen: Surfaces, by_modes: bool) -> list[mi.Float]:
+    """Linear radiance of the surfaces by a nested integrator, in Python or not; no derivatives, 0 beside them.
+
+    by_modes: it is an ``ADIntegrator``, whose ``sample`` has another signature.
+    """
     with dr.suspend_grad():
         sampler: Any = mi.load_dict({"type": "independent"})
         sampler.seed(seen.seed, dr.width(seen.ray))
-        if isinstance(nested, mi.ad.integrators.common.ADIntegrator):  # those in Python have another signature
+        if by_modes:
             state = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(True)}
             spectrum = nested.sample(mode=dr.ADMode.Primal, scene=scene, sampler=sampler, ray=seen.ray, **state)[0]
         else:
-            spectrum = nested.sample(scene, sampler, seen.ray, seen.medium)[0]
+            spectrum = nested.sample(scene, sampler, seen.ray, seen.medium, mi.Bool(True))[0]
         colors = [dr.select(seen.hit, c, 0) for c in three_channels(spectrum)]
         dr.eval(colors)
         return colors

@@ -294,12 +294,15 @@ def test_a_sensor_that_cannot_be_splatted_is_an_error_that_names_it_and_those_th
 # Variants and scenes that ship
 
 def test_renders_agree_before_and_after_the_variant_changes_there_and_back():
-    before, image = str(mi.variant()), render(scene_of(MODEL, CAMERA))
+    wall = {"wall": {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, 4]).scale(9)}}
+    before, kept = str(mi.variant()), scene_of(MODEL, CAMERA, nested={"type": "prb"}, extra=wall)
+    image, of_kept = render(scene_of(MODEL, CAMERA)), render(kept)
     if "llvm_ad_mono" not in mi.variants():
         pytest.skip("llvm_ad_mono is not built into this Mitsuba")
     mi.set_variant("llvm_ad_mono")
     mi.set_variant(before)
     np.testing.assert_allclose(render(scene_of(MODEL, CAMERA)), image, atol=1e-6)
+    np.testing.assert_array_equal(render(kept), of_kept)  # loaded before, as Mitsuba's own scenes go on, too
 
 
 @pytest.mark.parametrize("path", sorted(p for p in SCENES.glob("*.xml") if "dogsplat" in p.read_text()), ids=str)

@@ -152,6 +152,27 @@ def test_an_update_that_leaves_rows_unmatched_is_an_error_that_names_the_tensor(
         params.update()
 
 
+@pytest.mark.parametrize("means", [MODEL.means.ravel(), MODEL.means.T, MODEL.means[0, 0]])
+def test_means_of_another_layout_are_an_error_that_says_the_right_one(means):
+    params: Any = mi.traverse(load())
+    params["means"] = mi.TensorXf(np.ascontiguousarray(means))
+    with pytest.raises(RuntimeError, match=r'dog: "means" has shape .*, expected \(N, 3\)$'):
+        params.update()
+
+
+def test_another_number_of_primitives_that_nobody_has_updated_is_checked_when_it_is_drawn():
+    shape: Any = load()
+    params: Any = mi.traverse(shape)
+    fewer = MODEL.select(np.arange(MODEL.n_splats - 1))
+    params["means"] = mi.TensorXf(fewer.means)
+    with pytest.raises(RuntimeError, match='dog: "log_scales" has shape'):
+        shape.parameters  # noqa: B018
+    for name in (*RAW, *RAW_DOG):
+        params[name] = mi.TensorXf(getattr(fewer, name))
+    params["dog_index"] = mi.UInt32(fewer.dog_index)
+    np.testing.assert_array_equal(shape.parameters["dog_row"].numpy(), upload(fewer)["dog_row"].numpy())
+
+
 def test_an_update_to_an_impossible_index_is_an_error():
     m = MODEL.n_dog
     for index, problem in ((np.arange(m) + 20, "names primitive"), (np.zeros(m), "increas"),

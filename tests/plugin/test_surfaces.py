@@ -222,8 +222,16 @@ def test_fog_around_the_sensor_is_that_of_surfaces():
     np.testing.assert_allclose(image.mean((0, 1)), left * np.array([0.2, 0.5, 0.9]), rtol=0.03)
 
 
-@pytest.mark.parametrize("nested", ["path", "prb", "direct"])
+@pytest.mark.parametrize("nested", ["path", "prb", "direct", "emission"])
 def test_integrators_in_c_and_in_python_may_be_nested(nested):
+    """The last is somebody's own, with the signature that Mitsuba calls it by."""
+
+    class Emission(mi.SamplingIntegrator):
+        def sample(self, scene, sampler, ray, medium, active):
+            si = scene.ray_intersect(ray, active)
+            return si.emitter(scene, active).eval(si, active), si.is_valid(), []
+
+    mi.register_integrator("emission", lambda props: Emission(props))
     image = render(Splats.empty(0), {"wall": wall(2.5)}, nested={"type": nested})
     np.testing.assert_allclose(image, np.broadcast_to([0.2, 0.5, 0.9], image.shape), atol=1e-5)
 
