@@ -69,15 +69,8 @@ def fit(
     Needs a Mitsuba variant. Raises ``ValueError`` for no primitive, no picture, or pictures of other sizes than the
     cameras'.
     """
-    if len(cameras) != len(pictures) or not cameras:
-        found = f"{counted(len(cameras), 'camera')}, {counted(len(pictures), 'picture')}"
-        raise ValueError(f"fit: {found}; one of each is needed, or more")
-    for camera, picture in zip(cameras, pictures, strict=True):
-        if picture.shape != (camera.height, camera.width, 3):
-            raise ValueError(f"fit: a picture {picture.shape} of a camera {camera.width}x{camera.height}")
-    drawn, pairs = look.drawn, zip(cameras, pictures, strict=True)
-    white = drawn.white if drawn.linear else None
-    views = [View(str(k), camera, image, white=white) for k, (camera, image) in enumerate(pairs)]
+    drawn = look.drawn
+    views = _views(cameras, pictures, drawn.white if drawn.linear else None)
     dataset = Dataset(Path(), views, [], *no_points(), has_alpha=False)
     groups = [group for group in BESIDE_COLORS if len(getattr(splats, group.index))]
     memory = budget(None, dataset, splats.sh_degree, groups=groups)
@@ -108,3 +101,15 @@ def fit(
     if quantiser:
         quantiser.settle(coding, optimizer)
     return from_units_of_white(optimizer.to_splats(), drawn)
+
+
+def _views(cameras: Sequence[Camera], pictures: Sequence[Array], white: float | None) -> list[View]:
+    """Views of a data set for the pictures. Raises ``ValueError``, see ``fit``."""
+    if len(cameras) != len(pictures) or not cameras:
+        found = f"{counted(len(cameras), 'camera')}, {counted(len(pictures), 'picture')}"
+        raise ValueError(f"fit: {found}; one of each is needed, or more")
+    pairs = list(zip(cameras, pictures, strict=True))
+    for camera, picture in pairs:
+        if picture.shape != (camera.height, camera.width, 3):
+            raise ValueError(f"fit: a picture {picture.shape} of a camera {camera.width}x{camera.height}")
+    return [View(str(k), camera, picture, white=white) for k, (camera, picture) in enumerate(pairs)]
