@@ -13,6 +13,7 @@ from mi_dogsplat.engine.arrays import array_types, while_loop
 from mi_dogsplat.engine.frozen import frozen
 from mi_dogsplat.engine.geometry import MAX_ALPHA, Grid, Lanes
 from mi_dogsplat.engine.project import LN2
+from mi_dogsplat.engine.tables import KernelRow
 from mi_dogsplat.engine.tiles import WORD, TileLists
 from mi_dogsplat.engine.walks.block_sums import kernel_adjoints
 from mi_dogsplat.engine.walks.exp2 import exp2
@@ -180,7 +181,7 @@ def composite_backward(
             isect, active, at = lane.next(at)
             row, dx, dy = lane.fetch(isect, active)
             slot = dr.gather(lane.UInt, lists.slot_from_isect, isect, active)
-            δp, δf, (ux, uy, vy) = [], [lane.Float(0)] * 3, row[2:5]
+            δp, δf = [], [lane.Float(0)] * 3
             for k, value in enumerate(lane.gaussian(row, dx, dy)):
                 alpha, weight, behind, _, go = lane.blend(value, T[k], T[k])
                 weight = dr.select(go, weight, 0)
@@ -194,7 +195,7 @@ def composite_backward(
                 δα = dr.select(go & (alpha != 0), δα, 0)
                 δp.append(dr.select(value < MAX_ALPHA, δα * value, 0))
                 T[k] = behind
-            rows.add(slot, kernel_adjoints(δp, ux, uy, vy, dx, dy, grid.blocks) + δf, active)
+            rows.add(slot, [*kernel_adjoints(δp, KernelRow(*row[2:9]), dx, dy, grid.blocks), *δf], active)
         return at, T, rest
 
     start = lane.start(), lane.start_T, rest

@@ -18,7 +18,7 @@ import numpy as np
 from mi_dogsplat import reference, to_dog
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG
 from mi_dogsplat.reference.forward import raw_indices, raw_names
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba, opencv_w2c_to_mitsuba_c2w
 from mi_dogsplat.scene.row_groups import CURVATURES, PLANES, SHIFTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
@@ -32,8 +32,8 @@ SKY = np.array([0.3, 0.5, 0.9])  # radiance of the constant emitter
 RADIUS, FOCUS = 0.5, 2.0  # of the lens, in world units
 HALF_WIDTH = 2.0  # of the orthographic sensor, in world units
 TWIN_SPP = 5  # of a lens
-W2C = np.eye(4)  # neither at the origin nor along an axis
-W2C[:3, :3], W2C[:3, 3] = Rotation.from_rotvec([0.054, 0.179, -0.072]).as_matrix(), (0.3, -0.1, 0.2)
+# neither at the origin nor along an axis
+W2C = affine(Rotation.from_rotvec([0.054, 0.179, -0.072]).as_matrix(), (0.3, -0.1, 0.2))
 CENTRED = Camera(W2C, FOCAL, FOCAL, 0.5 * WIDTH, 0.5 * HEIGHT, WIDTH, HEIGHT)
 OFF_CENTRE = Camera(W2C, FOCAL, FOCAL, 0.5 * WIDTH + 0.7, 0.5 * HEIGHT - 0.4, WIDTH, HEIGHT)
 CAMERAS = {"perspective": OFF_CENTRE, "thinlens": CENTRED, "orthographic": CENTRED}

@@ -10,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.plugin.samples import samples
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.mitsuba_cameras import OPENCV_FROM_MITSUBA, opencv_w2c_to_mitsuba_c2w
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
@@ -26,10 +26,8 @@ def device_motion(p: Any) -> Any:
 
 def host_motion(p: ArrayLike) -> np.ndarray:
     """The same in float64, [4, 4]."""
-    numbers, matrix = np.asarray(p, np.float64), np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("xyz", numbers[3:], degrees=True).as_matrix()
-    matrix[:3, 3] = numbers[:3]
-    return matrix
+    numbers = np.asarray(p, np.float64)
+    return affine(Rotation.from_euler("xyz", numbers[3:], degrees=True).as_matrix(), numbers[:3])
 
 
 def posed(camera: Camera, p: ArrayLike) -> Camera:

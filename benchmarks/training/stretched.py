@@ -21,7 +21,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.render.framing import cameras_around
 from mi_dogsplat.render.picture import render_picture
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.linear_map import sh_projection
 from mi_dogsplat.scene.sh_basis import C0, sh_basis_table
 from mi_dogsplat.scene.splats import Splats
@@ -39,9 +39,7 @@ def seen(splats: Splats, camera: Camera) -> np.ndarray:
 def of_colors(splats: Splats, cameras: list[Camera], factor: float) -> tuple[float, float]:
     """Mean squared errors of the stretched model, x times ``factor``: with its coefficients, with those of before."""
     linear = np.diag([factor, 1.0, 1.0])
-    matrix = np.eye(4)
-    matrix[:3, :3] = linear
-    stretched = transformed(splats, matrix)
+    stretched = transformed(splats, affine(linear))
     errors = []
     for camera in cameras:
         directions = (stretched.means - np.linalg.inv(camera.w2c)[:3, 3]) @ np.linalg.inv(linear)

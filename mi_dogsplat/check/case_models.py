@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.cameras import Camera
+from ..scene.cameras import Camera, affine
 from ..scene.quaternions import rotation_from_quaternion
 from ..scene.row_groups import OWN_AXES, SHIFTS
 from ..scene.sh_basis import C0
@@ -26,8 +26,7 @@ TURN = np.linalg.solve(np.eye(3) - _K, np.eye(3) + _K)  # world to camera, a rot
 
 def camera(width: int = WIDTH, height: int = HEIGHT, focal: float = FOCAL, centre: Any = (0, 0, 0)) -> Camera:
     """Looks along +z from ``centre``, a little turned, so that no number is zero by chance."""
-    w2c = np.eye(4)
-    w2c[:3, :3], w2c[:3, 3] = TURN, -TURN @ np.asarray(centre, float)
+    w2c = affine(TURN, -TURN @ np.asarray(centre, float))
     return Camera(w2c, focal, 1.05 * focal, 0.48 * width, 0.53 * height, width, height)
 
 

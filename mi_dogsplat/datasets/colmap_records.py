@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.cameras import RIGID_TOLERANCE
+from ..scene.cameras import RIGID_TOLERANCE, affine
 from ..scene.quaternions import rotation_from_quaternion
 from ..support.errors import DataError
 from .lens import Lens
@@ -107,10 +107,7 @@ def pose_of(path: Path, name: str, pose: list[float]) -> np.ndarray:
     if not np.isfinite(pose).all() or abs(norm - 1) > RIGID_TOLERANCE:
         raise DataError(path, f'image "{name}" has no valid pose (quaternion {pose[:4]})', REMEDY)
     w, *vector = pose[:4]
-    w2c = np.eye(4)
-    w2c[:3, :3] = rotation_from_quaternion(np.array([[*vector, w]]))[0]
-    w2c[:3, 3] = pose[4:]
-    return w2c
+    return affine(rotation_from_quaternion(np.array([[*vector, w]]))[0], pose[4:])
 
 
 def points_of(path: Path, ids: Sequence[int], positions: Sequence[tuple], colors: Sequence[tuple]) -> ColmapPoints:

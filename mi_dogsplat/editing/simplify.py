@@ -25,7 +25,7 @@ from ..render.vantages import vantage_cameras
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
 from ..scene.kinds import varying
-from ..scene.radiance import brightened
+from ..scene.radiance import from_units_of_white, in_units_of_white
 from ..scene.splats import Array, Splats
 from ..scene.whole import whole
 from ..scores.weights import weights
@@ -89,8 +89,8 @@ def simplify_model(
 
     def quality(found: Splats) -> float:
         pairs = zip(rendered(found, others, look), truth, strict=True)
-        if look.white is not None:  # of linear radiance what a screen shows
-            pairs = [(displayed(a, look.white), displayed(b, look.white)) for a, b in pairs]
+        if look.drawn.linear:  # what a screen shows
+            pairs = [(displayed(a, look.drawn.white), displayed(b, look.drawn.white)) for a, b in pairs]
         return float(np.mean([psnr(picture, true) for picture, true in pairs]))
 
     cameras = cameras_of(splats, config, config.views, config.seed, read.drawing.up)
@@ -144,15 +144,15 @@ def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Sp
         return needed
     seen = amounts_seen(needed, cameras, look)
     seen = np.maximum(seen, LEAST_WEIGHT * (seen.mean() or 1.0))
-    start = needed if look.white is None else brightened(needed, 1 / look.white)  # colours in the unit of a picture
+    start = in_units_of_white(needed, look.drawn)  # colours in the unit of a picture
     found = merge(start, target, RESOLUTION * robust_sphere(needed)[1], seen)
-    return found if look.white is None else brightened(found, look.white)
+    return from_units_of_white(found, look.drawn)
 
 
 def amounts_seen(splats: Splats, cameras: list[Camera], look: Look) -> Array:
     """[N] Σ α T over all pixels of all cameras."""
-    devices = [DeviceCamera.upload(camera, look.near_clip) for camera in cameras]
-    how = RasterOptions(sh_degree=splats.sh_degree, antialiased=look.antialiased)
+    devices = [DeviceCamera.upload(camera, look.drawn.near_clip) for camera in cameras]
+    how = RasterOptions(sh_degree=splats.sh_degree, antialiased=look.drawn.antialiased)
     return weights(upload(splats), devices, how).total
 
 

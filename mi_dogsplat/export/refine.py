@@ -36,8 +36,8 @@ NEAR = 0.01  # of the radius of the model: near clip, where the usual one is far
 class Goal:
     """What baked Gaussians are brought to: pictures [H, W, 3], how they are drawn, and by what steps.
 
-    Pictures are in the colours of the model: display-referred sRGB, or, where the ``look`` has a ``white``, linear
-    radiance, which that white exposes in the loss.
+    Pictures are in the colours of the model: display-referred sRGB, or linear radiance, which its white exposes in the
+    loss.
     """
 
     cameras: list[Camera]
@@ -65,13 +65,13 @@ def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions,
         dataset = dataset.exposed(drawn.white if drawn.linear else 1.0)
     views = dataset.train[:: -(-len(dataset.train) // most)]
     cameras = [view.camera for view in views]
-    look = Look(background_color(options.background, dataset.has_alpha), drawn.near_clip, drawn.antialiased)
-    if drawn.linear:
-        look = replace(look, white=drawn.white)
-        if dataset.white is None:
-            return Goal(cameras, rendered(model, cameras, look), look, BY_DATA)
-        return Goal(cameras, [radiance_of(view, look.background) for view in views], look, BY_DATA)
-    return Goal(cameras, [photograph(view, look.background) for view in views], look, BY_DATA)
+    look = Look(background_color(options.background, dataset.has_alpha), drawn)
+    if drawn.linear and dataset.white is None:
+        pictures = rendered(model, cameras, look)
+    else:
+        taken = radiance_of if drawn.linear else photograph
+        pictures = [taken(view, look.background) for view in views]
+    return Goal(cameras, pictures, look, BY_DATA)
 
 
 def by_renders(model: Splats, most: int, drawn: DrawnAs, up: str | None = None) -> Goal:
@@ -84,13 +84,12 @@ def by_renders(model: Splats, most: int, drawn: DrawnAs, up: str | None = None) 
 def look_from_near(model: Splats, drawn: DrawnAs, background: float = GREY) -> Look:
     """How a model is drawn from places of our own, which may be near to it."""
     near_clip = min(drawn.near_clip, NEAR * robust_sphere(model)[1])
-    return Look(background, near_clip, drawn.antialiased, drawn.white if drawn.linear else None)
+    return Look(background, replace(drawn, near_clip=near_clip))
 
 
 def rendered(model: Splats, cameras: list[Camera], look: Look) -> list[Array]:
     """[H, W, 3] from each camera, in the model's own colours, linear or not."""
-    drawn = DrawnAs(look.antialiased, look.near_clip, look.white is not None, look.white or 1.0)
-    picture = picture_of(model, look.background, drawn)
+    picture = picture_of(model, look.background, look.drawn)
     found = [picture(camera) for camera in cameras]
     return [seen.color if seen.radiance is None else seen.radiance for seen in found]
 

@@ -6,7 +6,7 @@ from ..formats.coded import snapped
 from ..formats.table import Format
 from ..scene.drawing import DrawnAs
 from ..scene.kinds import varying
-from ..scene.radiance import brightened
+from ..scene.radiance import from_units_of_white, in_units_of_white
 from ..scene.splats import Splats
 from ..scene.whole import whole
 from ..support.wording import counted
@@ -55,6 +55,4 @@ def taken_out(stages: dict[str, Splats], chosen: Format) -> list[str]:
 
 def on_grids(splats: Splats, grids: str, drawn: DrawnAs) -> Splats:
     """The model as a small file has it, ``grids`` by their name in ``SMALL_GRIDS``."""
-    if not drawn.linear:
-        return snapped(grids, splats, linear=False)
-    return brightened(snapped(grids, brightened(splats, 1 / drawn.white), linear=True), drawn.white)
+    return from_units_of_white(snapped(grids, in_units_of_white(splats, drawn), linear=drawn.linear), drawn)

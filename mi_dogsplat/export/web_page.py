@@ -25,6 +25,7 @@ from ..formats.model import Model
 from ..formats.read import read_model
 from ..formats.write import write_model
 from ..render.framing import automatic_camera, robust_sphere
+from ..scene.cameras import affine
 from ..scene.drawing import drawn_as
 from ..scene.orientation import UP, rotation_between
 from ..scene.transform import transformed
@@ -94,9 +95,7 @@ def write_page(out: Path, model: Model, opening: Opening, grids: str | None = No
     Raises ``DataError``.
     """
     turn = rotation_between(opening.up, UP_OF_SOG)
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn
-    turned = Model(transformed(model.splats, matrix), replace(model.drawing, up=UP))
+    turned = Model(transformed(model.splats, affine(turn)), replace(model.drawing, up=UP))
     if grids and turned.splats is not model.splats:  # a turn leaves them
         turned = replace(turned, splats=on_grids(turned.splats, grids, drawn_as(model.drawing)))
     with TemporaryDirectory() as folder:
@@ -142,8 +141,7 @@ def read_page(path: Path) -> Model:
     with TemporaryDirectory() as folder:
         (Path(folder) / BUNDLE).write_bytes(base64.b64decode(model[1]))
         read = read_model(Path(folder) / BUNDLE)
-    back = np.eye(4)
-    back[:3, :3] = np.array(json.loads(scene[1])["turned_by"]).T
+    back = affine(np.array(json.loads(scene[1])["turned_by"]).T)
     return replace(read, splats=transformed(read.splats, back), drawing=replace(read.drawing, up=None))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..scene.cameras import Camera
+from ..scene.cameras import Camera, affine
 from ..support.wording import counted
 from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
 from .film_config import FilmConfig
@@ -38,9 +38,8 @@ def cameras_path(cameras: Sequence[Camera], config: FilmConfig) -> CameraPath:
     zooms = vector_curve(times / end, focals[moving, None])
 
     def at(share: float) -> Lens:
-        c2w = np.eye(4)
-        c2w[:3, :3], c2w[:3, 3] = turns(share), places(share)
-        return Lens(c2w, float(np.exp(zooms(share)[0])) if config.fov is None else focal_of_fov(config.fov))
+        focal = float(np.exp(zooms(share)[0])) if config.fov is None else focal_of_fov(config.fov)
+        return Lens(affine(turns(share), places(share)), focal)
 
     first = ordered[0]
     return CameraPath(at, False, f"along {counted(len(cameras), 'camera')}", size=(first.width, first.height))

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from ..datasets.camera_paths import look_at
 from ..render.framing import AUTOMATIC_FOV
 from ..scene.camera_file import camera_from_json
-from ..scene.cameras import inverse_rigid
+from ..scene.cameras import affine, inverse_rigid
 from ..support.errors import DataError
 from ..support.files import read_json
 from ..support.wording import counted
@@ -109,8 +109,7 @@ def _curves(
 
     def at(share: float) -> Lens:
         time = times[0] + share * length
-        c2w = np.eye(4)
-        c2w[:3, :3], c2w[:3, 3] = turns(time), places(time)
+        c2w = affine(turns(time), places(time))
         if aims is not None and _can_look(c2w[:3, 3], aims(time), up):
             c2w = inverse_rigid(look_at(c2w[:3, 3], aims(time), up))
         focal = float(np.exp(zooms(time)[0])) if fov is None else focal_of_fov(fov)
@@ -145,7 +144,7 @@ def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
         if not NARROWEST <= degrees < 180:
             raise ValueError(f'"fov" is {degrees:g}, not within {NARROWEST:g} to 180 degrees')
         focal = focal_of_fov(degrees)
-    c2w, target = np.eye(4), None
+    target = None
     if "look_at" in entry:
         target = _numbers(entry, "look_at", 3)
         if not _can_look(position, target, up):
@@ -155,7 +154,7 @@ def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
         quaternion = _numbers(entry, "rotation", 4)
         if not 0.5 < np.linalg.norm(quaternion) < 2:
             raise ValueError('"rotation" is no unit quaternion x, y, z, w')
-        c2w[:3, :3], c2w[:3, 3] = Rotation.from_quat(quaternion).as_matrix(), position
+        c2w = affine(Rotation.from_quat(quaternion).as_matrix(), position)
     return Key(time, c2w, focal, target, None)
 
 

@@ -13,6 +13,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from ..scene.cameras import affine
 from ..scene.quaternions import rotation_from_quaternion
 from ..scene.splats import Array
 from ..support.errors import DAMAGED, DataError
@@ -130,10 +131,8 @@ def matrix_of(node: Any) -> Array:
     if not quaternion.any():
         raise ValueError("the rotation of a node is zero")
     turn = rotation_from_quaternion(quaternion)[0]
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), np.float64).reshape(3)
-    matrix[:3, 3] = np.array(node.get("translation", (0, 0, 0)), np.float64).reshape(3)
-    return matrix
+    scale = np.array(node.get("scale", (1, 1, 1)), np.float64).reshape(3)
+    return affine(turn * scale, np.array(node.get("translation", (0, 0, 0)), np.float64).reshape(3))
 
 
 def glb(content: Any, binary: bytes) -> bytes:

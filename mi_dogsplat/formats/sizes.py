@@ -6,6 +6,7 @@ compress, and how well depends on the model: their prices are measured, as diffe
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,7 +16,7 @@ import numpy as np
 from ..scene.drawing import Drawing, comments_of
 from ..scene.ply import write_ply
 from ..scene.radiance import brightened
-from ..scene.row_groups import BESIDE_COLORS
+from ..scene.row_groups import BESIDE_COLORS, RowGroup
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from .coded import CODED, snapped
 from .model import Model
@@ -35,24 +36,17 @@ class Prices:
 
     fixed: float  # of the file
     bands: tuple[float, ...]  # of a primitive with the bands up to degree 0, 1, 2, 3
-    dog: float  # of a DoG row
-    slopes: float = 0.0  # of a row of slopes
-    curvatures: float = 0.0  # of curvatures
-    cuts: float = 0.0  # of a row of a cut
-    second_cuts: float = 0.0  # of a second one
-    shifts: float = 0.0  # of a row of shifts
+    rows: Mapping[RowGroup, float]  # of a row of each group of ``BESIDE_COLORS``, 0 where the format has none
 
     def of(self, splats: Splats) -> float:
         """Bytes of the file of a model, as far as prices tell."""
-        rows = self.dog * splats.n_dog + self.slopes * splats.n_slopes + self.curvatures * splats.n_curvatures
-        rows += self.cuts * splats.n_cuts + self.second_cuts * splats.n_second_cuts + self.shifts * splats.n_shifts
+        rows = sum(price * len(getattr(splats, group.index)) for group, price in self.rows.items())
         return self.fixed + float(np.take(self.bands, splats.sh_degrees).sum()) + rows
 
     def scaled(self, factor: float) -> Prices:
         """All but the fixed part times ``factor``."""
         bands = tuple(factor * price for price in self.bands)
-        rows = self.dog, self.slopes, self.curvatures, self.cuts, self.second_cuts, self.shifts
-        return Prices(self.fixed, bands, *(factor * row for row in rows))
+        return Prices(self.fixed, bands, {group: factor * price for group, price in self.rows.items()})
 
 
 @dataclass(frozen=True)
@@ -129,8 +123,8 @@ def prices(kind: FileKind, splats: Splats) -> Prices:
         raise ValueError("prices: the model is empty")
     if kind.name == "ply":
         bands = (VERTEX, *(VERTEX + INDEX + 3 * FLOAT * ((d + 1) ** 2 - 1) for d in range(1, MAX_SH_DEGREE + 1)))
-        rows = [INDEX + group.row_size * FLOAT for group in BESIDE_COLORS]  # in the order of ``Prices``
-        return Prices(kind.size(Splats.empty(0)), bands, *rows)
+        rows = {group: INDEX + group.row_size * FLOAT for group in BESIDE_COLORS}
+        return Prices(kind.size(Splats.empty(0)), bands, rows)
     return _measured(kind, splats)
 
 
@@ -157,7 +151,7 @@ def _measured(kind: FileKind, splats: Splats) -> Prices:
         elif degree > 1:
             added = bands[-1] - bands[-2]
         bands.append(bands[-1] + max(0.0, added))
-    return Prices(max(0.0, whole - base * flat.n_splats), tuple(bands), 0.0)
+    return Prices(max(0.0, whole - base * flat.n_splats), tuple(bands), dict.fromkeys(BESIDE_COLORS, 0.0))
 
 
 def _sample(splats: Splats) -> Splats:

@@ -130,17 +130,19 @@ def nearest_rigid(matrix: ArrayLike, mirror: bool = False) -> np.ndarray:
     rotation = u @ vt  # [3, 3]
     if np.linalg.det(rotation) < 0 and not mirror:
         raise ValueError("the pose is not a rotation but a reflection (determinant -1)")
-    rigid = np.eye(4)
-    rigid[:3, :3], rigid[:3, 3] = rotation, given[:3, 3]
-    return rigid
+    return affine(rotation, given[:3, 3])
+
+
+def affine(linear: ArrayLike, translation: ArrayLike = (0, 0, 0)) -> np.ndarray:
+    """The map x -> ``linear`` x + ``translation`` as a float64 matrix [4, 4]."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = linear, translation
+    return matrix
 
 
 def inverse_rigid(rigid: np.ndarray) -> np.ndarray:
     """Inverse of a rigid [4, 4] matrix."""
-    inverse = np.eye(4)
-    inverse[:3, :3] = rigid[:3, :3].T
-    inverse[:3, 3] = -rigid[:3, :3].T @ rigid[:3, 3]
-    return inverse
+    return affine(rigid[:3, :3].T, -rigid[:3, :3].T @ rigid[:3, 3])
 
 
 def opengl_c2w_to_opencv_w2c(c2w: ArrayLike) -> np.ndarray:

@@ -18,7 +18,8 @@ from ..engine.arrays import backward
 from ..engine.options import RasterOptions
 from ..engine.rasterize import rasterize
 from ..scene.cameras import Camera
-from ..scene.radiance import brightened
+from ..scene.drawing import DrawnAs
+from ..scene.radiance import from_units_of_white, in_units_of_white
 from ..scene.row_groups import BESIDE_COLORS
 from ..scene.splats import Array, Splats
 from ..support.wording import counted
@@ -33,12 +34,13 @@ GAINS = Refinement(start=0, gain=2.0, end_gain=0.1, means_gain=4.0)  # on the st
 
 @dataclass(frozen=True)
 class Look:
-    """How the pictures show the model."""
+    """How pictures show a model: drawn so, in front of a grey level.
 
-    background: float = 0.0  # grey level, 0..1
-    near_clip: float = 0.2  # world units
-    antialiased: bool = False
-    white: float | None = None  # of linear radiance, which the model and the pictures hold
+    Where it is drawn as ``linear``, the model and the pictures hold linear radiance.
+    """
+
+    background: float = 0.0  # 0..1
+    drawn: DrawnAs = DrawnAs()
 
 
 def fit(
@@ -56,8 +58,7 @@ def fit(
 
     Args:
         splats: the start, of N >= 1 primitives; rows of DoG, slopes, curvatures, cuts and shifts are fitted along.
-        cameras, pictures: as many of each, [H, W, 3] display-referred or, with ``look.white``, linear, seen in a random
-            order, turn by turn.
+        cameras, pictures: as many of each, [H, W, 3] display-referred or linear, seen in a random order, turn by turn.
         steps: of one picture each.
         look: how the pictures were drawn.
         gains: factors on the step sizes, as after pruning (``Refinement``), over ``steps``.
@@ -68,22 +69,16 @@ def fit(
     Needs a Mitsuba variant. Raises ``ValueError`` for no primitive, no picture, or pictures of other sizes than the
     cameras'.
     """
-    if len(cameras) != len(pictures) or not cameras:
-        found = f"{counted(len(cameras), 'camera')}, {counted(len(pictures), 'picture')}"
-        raise ValueError(f"fit: {found}; one of each is needed, or more")
-    for camera, picture in zip(cameras, pictures, strict=True):
-        if picture.shape != (camera.height, camera.width, 3):
-            raise ValueError(f"fit: a picture {picture.shape} of a camera {camera.width}x{camera.height}")
-    pairs = zip(cameras, pictures, strict=True)
-    views = [View(str(k), camera, image, white=look.white) for k, (camera, image) in enumerate(pairs)]
+    drawn = look.drawn
+    views = _views(cameras, pictures, drawn.white if drawn.linear else None)
     dataset = Dataset(Path(), views, [], *no_points(), has_alpha=False)
     groups = [group for group in BESIDE_COLORS if len(getattr(splats, group.index))]
     memory = budget(None, dataset, splats.sh_degree, groups=groups)
     keep_targets = memory is None or memory.keep_targets
-    shown = Photographs(dataset, look.background, look.near_clip, keep_targets=keep_targets)
-    start = splats if look.white is None else brightened(splats, 1 / look.white)
+    shown = Photographs(dataset, look.background, drawn.near_clip, keep_targets=keep_targets)
+    start = in_units_of_white(splats, drawn)
     optimizer = SplatOptimizer(start, LearningRates(camera_extent(views), steps, refinement=gains), shown.curve)
-    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=look.antialiased)
+    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawn.antialiased)
     order: list[int] = []
     rng = np.random.default_rng(seed)
     coding = Coding()
@@ -105,5 +100,16 @@ def fit(
             after_step(step + 1, float(loss[0]))
     if quantiser:
         quantiser.settle(coding, optimizer)
-    fitted = optimizer.to_splats()
-    return fitted if look.white is None else brightened(fitted, look.white)
+    return from_units_of_white(optimizer.to_splats(), drawn)
+
+
+def _views(cameras: Sequence[Camera], pictures: Sequence[Array], white: float | None) -> list[View]:
+    """Views of a data set for the pictures. Raises ``ValueError``, see ``fit``."""
+    if len(cameras) != len(pictures) or not cameras:
+        found = f"{counted(len(cameras), 'camera')}, {counted(len(pictures), 'picture')}"
+        raise ValueError(f"fit: {found}; one of each is needed, or more")
+    pairs = list(zip(cameras, pictures, strict=True))
+    for camera, picture in pairs:
+        if picture.shape != (camera.height, camera.width, 3):
+            raise ValueError(f"fit: a picture {picture.shape} of a camera {camera.width}x{camera.height}")
+    return [View(str(k), camera, picture, white=white) for k, (camera, picture) in enumerate(pairs)]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene.cameras import Camera, inverse_rigid
+from ..scene.cameras import Camera, affine, inverse_rigid
 from ..scene.quaternions import rotation_from_quaternion
 
 REST_SECONDS = 0.25  # without movement, until the full picture is due
@@ -50,9 +50,7 @@ class Pose:
         aspect = self.aspect if math.isfinite(self.aspect) else 1.0
         height = max(SMALLEST, min(height, round(height * WIDEST / aspect))) if aspect > WIDEST else height
         w, *vector = self.wxyz
-        c2w = np.eye(4)
-        c2w[:3, :3] = rotation_from_quaternion(np.array([[*vector, w]]))[0]
-        c2w[:3, 3] = self.position
+        c2w = affine(rotation_from_quaternion(np.array([[*vector, w]]))[0], self.position)
         width = max(SMALLEST, round(height * aspect))
         focal = 0.5 * height / math.tan(self.fov / 2)
         return Camera(inverse_rigid(c2w), focal, focal, width / 2, height / 2, width, height)

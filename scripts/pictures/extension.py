@@ -13,7 +13,7 @@ import numpy as np
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.variants import set_variant
@@ -70,9 +70,8 @@ def looking(position: np.ndarray, at: np.ndarray, up: np.ndarray, focal: float) 
     """A camera of the featured image, whose middle is right of that of the picture."""
     forward = (at - position) / np.linalg.norm(at - position)
     right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
-    w2c = np.eye(4)
-    w2c[:3, :3] = [right, np.cross(forward, right), forward]
-    w2c[:3, 3] = -w2c[:3, :3] @ position
+    turn = np.stack([right, np.cross(forward, right), forward])
+    w2c = affine(turn, -turn @ position)
     width, height = FEATURED
     return Camera(w2c, focal, focal, 0.66 * width, height / 2, width, height)
 

@@ -6,7 +6,7 @@ from dataset_folders import HEIGHT, WIDTH, error_of, transforms_folder, write_im
 from mi_dogsplat.datasets import View, camera_extent, load_dataset
 from mi_dogsplat.datasets.dataset import as_bytes, from_bytes, held
 from mi_dogsplat.datasets.images import header, read_image
-from mi_dogsplat.scene.cameras import Camera, opengl_c2w_to_opencv_w2c
+from mi_dogsplat.scene.cameras import Camera, affine, opengl_c2w_to_opencv_w2c
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
 
@@ -140,11 +140,8 @@ def test_a_path_that_is_no_data_set_says_what_was_looked_for(tmp_path):
 
 def test_camera_extent_is_a_tenth_more_than_the_largest_distance_from_the_mean_camera():
     def view(x: float) -> View:
-        c2w = np.eye(4)
-        c2w[0, 3] = x
-        return View(
-            str(x), Camera(opengl_c2w_to_opencv_w2c(c2w), 1, 1, 1, 1, 2, 2), np.zeros((2, 2, 3), np.float32)
-        )
+        w2c = opengl_c2w_to_opencv_w2c(affine(np.eye(3), (x, 0, 0)))
+        return View(str(x), Camera(w2c, 1, 1, 1, 1, 2, 2), np.zeros((2, 2, 3), np.float32))
 
     np.testing.assert_allclose(camera_extent([view(0), view(1), view(5)]), 1.1 * 3)
     assert camera_extent([view(4)]) == 1

@@ -9,7 +9,7 @@ from dataset_folders import colmap_folder
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.lengths import Standpoint, length_in_units, standpoints_of
 from mi_dogsplat.datasets.world import World, metres_of_unit, read_world, up_as_held, world_of, write_world
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.support.errors import DataError
 
 SIZES = ("PINHOLE", (20, 20, 10.5, 7.5)), ("SIMPLE_RADIAL", (20, 10.5, 7.5, 0.1))
@@ -132,9 +132,7 @@ def test_cameras_held_anyhow_say_nothing():
     rng = np.random.default_rng(0)
 
     def camera() -> Camera:
-        w2c = np.eye(4)
-        w2c[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-        return Camera(w2c, 20, 20, 10, 10, 20, 20)
+        return Camera(affine(np.linalg.qr(rng.normal(size=(3, 3)))[0]), 20, 20, 10, 10, 20, 20)
 
     assert up_as_held([camera() for _ in range(30)]) is None
     assert up_as_held(tiny_data.cameras()) == "z"

@@ -43,7 +43,7 @@ def model(tmp_path_factory):
 
 def quality(found: Splats, truth: Splats) -> float:
     """PSNR in dB from cameras of the tests' own."""
-    look, cameras = Look(0.5, 0.2, False), tiny_data.cameras()
+    look, cameras = Look(0.5), tiny_data.cameras()
     pairs = zip(rendered(found, cameras, look), rendered(truth, cameras, look), strict=True)
     return float(np.mean([psnr(a, b) for a, b in pairs]))
 

@@ -9,7 +9,7 @@ import pytest
 from mi_dogsplat.engine.aovs import AOVS, channel_names
 from mi_dogsplat.reference import aovs as reference_aovs
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.splats import Splats
 from same_numbers import assert_same_numbers
 from splat_scenes import (
@@ -164,9 +164,7 @@ def test_the_normal_is_the_shortest_axis_in_world_space_turned_to_the_camera(axi
     scales = np.full(3, 0.5)
     scales[axis] = 0.01
     world, _ = axis_rotation([0.2, 1, 0.3], 1.1)
-    w2c = np.eye(4)
-    w2c[:3, :3], w2c[:3, 3] = world, world @ [-3, 1, -2]  # centre (3, -1, 2)
-    camera = Camera(w2c, 36, 36, 20, 15, 40, 30)
+    camera = Camera(affine(world, world @ [-3, 1, -2]), 36, 36, 20, 15, 40, 30)  # centre (3, -1, 2)
     mean = camera.position + world.T @ [0, 0, 2]
     got = engine(rounded(make_splats(mean, scales, 0.9, quats=quat)), camera)["normal"]
     seen = np.linalg.norm(got, axis=-1) > 0

@@ -12,6 +12,7 @@ from mi_dogsplat.engine.parameters import concatenate, upload
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.engine.rasterize import Frame, rasterize
 from mi_dogsplat.engine.sh_groups import padded_rows
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.row_groups import SH
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
@@ -197,15 +198,12 @@ def test_joining_passes_gradients_to_every_group():
     assert not uniform[:, :3].any()
 
 
-def similarity() -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = 1.7 * axis_rotation([1, -2, 0.7], 2.1)[0], (0.4, -3, 2)
-    return matrix
+SIMILARITY = affine(1.7 * axis_rotation([1, -2, 0.7], 2.1)[0], (0.4, -3, 2))
 
 
 def test_a_moved_model_keeps_its_degrees_and_turns_all_bands():
     splats = mixed(20)
-    ours, padded = transformed(splats, similarity()), transformed(splats.uniform_sh(), similarity())
+    ours, padded = transformed(splats, SIMILARITY), transformed(splats.uniform_sh(), SIMILARITY)
     assert ours.sh_degrees.tolist() == splats.sh_degrees.tolist()
     np.testing.assert_allclose(ours.uniform_sh().sh_coeffs, padded.sh_coeffs, atol=1e-6)
     np.testing.assert_array_equal(ours.means, padded.means)
@@ -213,8 +211,8 @@ def test_a_moved_model_keeps_its_degrees_and_turns_all_bands():
 
 def test_a_model_moved_on_the_device_is_that_moved_on_the_host():
     splats = mixed(20)
-    expected = upload(transformed(splats, similarity()))
-    got = moved(upload(splats), mi.Transform4f(similarity()))
+    expected = upload(transformed(splats, SIMILARITY))
+    got = moved(upload(splats), mi.Transform4f(SIMILARITY))
     for name in ("sh_coeffs", *GROUPS):
         np.testing.assert_allclose(got[name].numpy(), expected[name].numpy(), atol=1e-5, err_msg=name)
 
@@ -222,7 +220,7 @@ def test_a_model_moved_on_the_device_is_that_moved_on_the_host():
 def test_a_quaternion_of_zero_is_turned_on_the_device_as_on_the_host():
     splats = rounded(random_splats(4, degree=0))
     splats.quats[2] = 0
-    got = moved(upload(splats), mi.Transform4f(similarity()))["quats"].numpy().reshape(-1, 4)
-    expected = transformed(splats, similarity()).quats
+    got = moved(upload(splats), mi.Transform4f(SIMILARITY))["quats"].numpy().reshape(-1, 4)
+    expected = transformed(splats, SIMILARITY).quats
     signs = np.sign((got * expected).sum(axis=1, keepdims=True))
     np.testing.assert_allclose(got * signs, expected, atol=1e-6)

@@ -33,7 +33,7 @@ def model(tmp_path):
 
 def goal_of_cameras() -> Goal:
     cameras = tiny_data.cameras(8)
-    return Goal(cameras, Views(cameras, [], 0.0, DrawnAs(near_clip=0.05)).pictures(MODEL), Look(0.0, 0.05), BY_DATA)
+    return Goal(cameras, Views(cameras, [], 0.0, USUAL).pictures(MODEL), Look(0.0, USUAL), BY_DATA)
 
 
 @pytest.mark.parametrize("goal, gain", [(goal_of_cameras, 0.6), (lambda: by_renders(MODEL, 60, USUAL), 0.25)])
@@ -49,9 +49,9 @@ def test_refined_gaussians_are_nearer_to_the_model_where_nothing_was_fitted(goal
 
 def test_without_data_the_goal_is_what_the_model_shows_on_grey():
     goal = by_renders(MODEL, 6, replace(USUAL, antialiased=True))
-    assert len(goal.cameras) == len(goal.pictures) == 6 and goal.look.antialiased
-    assert goal.look.near_clip <= 0.05 and goal.look.background == GREY
-    views = Views(goal.cameras, [], GREY, DrawnAs(True, goal.look.near_clip))
+    assert len(goal.cameras) == len(goal.pictures) == 6 and goal.look.drawn.antialiased
+    assert goal.look.drawn.near_clip <= 0.05 and goal.look.background == GREY
+    views = Views(goal.cameras, [], GREY, goal.look.drawn)
     assert all(np.array_equal(a, b) for a, b in zip(views.pictures(MODEL), goal.pictures, strict=True))
 
 

@@ -15,7 +15,7 @@ from mi_dogsplat.film.key_frames import key_frames_path
 from mi_dogsplat.film.orbit import around_cameras, around_model, orbit, stand_all_around
 from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_sphere
 from mi_dogsplat.scene.camera_file import write_camera
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.orientation import up_of_cameras
 from mi_dogsplat.support.errors import DataError
 from scipy.spatial.transform import Rotation
@@ -76,10 +76,8 @@ def test_the_moments_of_an_exposure_spread_over_the_open_shutter():
 def test_paths_are_told_apart_by_where_they_lead_whatever_the_last_bits():
     def path(scale: float = 1.0, turn: float = 0.0, focal: float = 1.2) -> CameraPath:
         def at(share: float) -> Lens:
-            c2w = np.eye(4)
-            c2w[:3, :3] = Rotation.from_euler("y", share + turn).as_matrix()
-            c2w[:3, 3] = scale * np.array([np.cos(share), -0.0 if scale == 1 else 0.0, np.sin(share)])
-            return Lens(c2w, focal)
+            place = scale * np.array([np.cos(share), -0.0 if scale == 1 else 0.0, np.sin(share)])
+            return Lens(affine(Rotation.from_euler("y", share + turn).as_matrix(), place), focal)
 
         return CameraPath(at, False, "an arc")
 
@@ -201,9 +199,7 @@ def test_the_path_is_taken_at_an_even_pace():
 
 def test_a_change_of_the_lens_at_one_place_takes_time_and_does_not_swing_beyond():
     def camera(x: float, focal: float) -> Camera:
-        w2c = np.eye(4)
-        w2c[:3, 3] = -x, 0, 5
-        return Camera(w2c, focal, focal, 8, 6, 16, 12)
+        return Camera(affine(np.eye(3), (-x, 0, 5)), focal, focal, 8, 6, 16, 12)
 
     for near in (1e-4, 0.0):  # from a tripod
         cameras = [*(camera(x, 20) for x in range(5)), *(camera(x + near, 60) for x in range(4, 9))]

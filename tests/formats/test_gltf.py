@@ -11,6 +11,7 @@ from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.formats import gltf_read
 from mi_dogsplat.formats.gltf_container import glb, matrix_of
 from mi_dogsplat.formats.packing import LUF, turned
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.errors import DataError
 from scipy.spatial.transform import Rotation
@@ -39,8 +40,7 @@ def test_nodes_move_what_they_hold(tmp_path, content):
     if not np.allclose(second.means, foreign_model.model().means):
         first, second = second, first
     assert np.array_equal(second.sh_coeffs, foreign_model.model().sh_coeffs)
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = 2 * turn.as_matrix(), (1, 2, 3)
+    matrix = affine(2 * turn.as_matrix(), (1, 2, 3))
     inner = np.array([[0, -0.5, 0, 4], [0.5, 0, 0, 5], [0, 0, 0.5, 6], [0, 0, 0, 1]])
     assert matrix_of(found["nodes"][1]) == pytest.approx(inner)
     expected = turned(transformed(turned(foreign_model.model(), LUF), matrix @ inner), LUF)

@@ -9,6 +9,7 @@ from mi_dogsplat.formats import sizes
 from mi_dogsplat.formats.sizes import KINDS, FileKind, Prices, by_part, prices
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.radiance import brightened
+from mi_dogsplat.scene.row_groups import DOG, SHIFTS
 from mi_dogsplat.scene.splats import Splats
 from shifted_models import with_shifts
 from sloped_models import with_curvatures, with_slopes
@@ -48,7 +49,7 @@ def test_prices_of_compressed_files_come_near_to_them_and_bands_cost(name):
     assert all(more > less > 0 for less, more in zip(known.bands, known.bands[1:], strict=False))
     kind = FileKind(name)
     assert known.of(splats) == pytest.approx(kind.size(kind.foreseen(splats)), rel=0.2)
-    assert known.dog == 0
+    assert not any(known.rows.values())
 
 
 def test_prices_follow_what_compresses():
@@ -93,8 +94,8 @@ def test_parts_add_up_to_the_file(name):
 
 
 def test_prices_scale_but_for_what_the_file_needs_itself():
-    known = Prices(10.0, (1.0, 2.0, 3.0, 4.0), 5.0, 6.0, 7.0, 8.0, 9.0, 11.0)
-    assert known.scaled(2) == Prices(10.0, (2.0, 4.0, 6.0, 8.0), 10.0, 12.0, 14.0, 16.0, 18.0, 22.0)
+    known = Prices(10.0, (1.0, 2.0, 3.0, 4.0), {DOG: 5.0, SHIFTS: 11.0})
+    assert known.scaled(2) == Prices(10.0, (2.0, 4.0, 6.0, 8.0), {DOG: 10.0, SHIFTS: 22.0})
 
 
 def test_an_empty_model_has_no_prices():

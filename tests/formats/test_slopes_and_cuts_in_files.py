@@ -133,8 +133,7 @@ def test_the_price_of_a_row_is_that_of_the_file(kind, dog_share):
     ply = FileKind("ply")
     known, others = prices(ply, splats), kind.without(splats)
     header = [ply.encoded(s).index(b"end_header\n") for s in (splats, others)]
-    assert getattr(known, kind.word) == kind.row_bytes
-    assert getattr(known.scaled(3), kind.word) == 3 * kind.row_bytes
+    assert known.rows[kind.group] == kind.row_bytes and known.scaled(3).rows[kind.group] == 3 * kind.row_bytes
     assert known.of(splats) - known.of(others) == ply.size(splats) - ply.size(others) - (header[0] - header[1])
 
 
@@ -152,5 +151,5 @@ def test_parts_add_up_to_the_file(kind, name):
 @pytest.mark.parametrize("name", ["spz", "sog"])
 def test_what_a_training_will_end_as_has_none_where_the_format_has_none(kind, name):
     splats = kind.model(400)
-    assert kind.n(FileKind(name).foreseen(splats)) == 0 and getattr(prices(FileKind(name), splats), kind.word) == 0
+    assert kind.n(FileKind(name).foreseen(splats)) == 0 and prices(FileKind(name), splats).rows[kind.group] == 0
     assert FileKind("ply").foreseen(splats) is splats

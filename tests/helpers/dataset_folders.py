@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
 
@@ -88,8 +89,7 @@ def transforms_folder(
 ) -> Path:
     frames = []
     for i in range(n):
-        pose = np.eye(4)
-        pose[:3, 3] = (0.2 * i, 0, 0)
+        pose = affine(np.eye(3), (0.2 * i, 0, 0))
         frames.append({"file_path": f"./{folder}/r_{i}", "transform_matrix": pose.tolist()})
     write_images(root / folder, [f"r_{i}.png" for i in range(n)])
     (root / name).write_text(json.dumps({"camera_angle_x": 0.7, "frames": frames, **content}))

@@ -12,7 +12,7 @@ from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import RAW, RAW_OF_GROUPS, upload
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
 from mi_dogsplat.reference.forward import raw_indices, raw_names
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.splats import Splats
 
@@ -99,10 +99,7 @@ def axis_rotation(axis, angle):
 
 def tilted_camera(width=64, height=48, f=60.0, cx=None, cy=None) -> Camera:
     """One that is neither at the origin nor along an axis, so that no rotation can be forgotten."""
-    w2c = np.eye(4)
-    w2c[:3, :3] = axis_rotation([0.3, 1, -0.4], 0.2)[0]
-    w2c[:3, 3] = 0.3, -0.1, 0.2
-    return make_camera(width, height, f, cx, cy, w2c)
+    return make_camera(width, height, f, cx, cy, affine(axis_rotation([0.3, 1, -0.4], 0.2)[0], (0.3, -0.1, 0.2)))
 
 
 def opaque_only(splats: Any, kept: np.ndarray) -> Any:

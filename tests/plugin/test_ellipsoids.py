@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import Drawing, Model, Splats, reference, to_ellipsoids, write_model, write_ply
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import axis_rotation, dog_dict, make_splats, random_splats, rounded, scalar_transform, select
@@ -19,8 +19,7 @@ from benchmarks.renderers.ray_model import DOGSPLAT, VOLPRIM, render_points
 
 CAMERA = Camera(np.eye(4), 40.0, 40.0, 24.0, 18.0, 48, 36)
 MODEL = rounded(random_splats(12, seed=1, degree=2))
-SIMILARITY = np.eye(4)
-SIMILARITY[:3, :3], SIMILARITY[:3, 3] = 1.5 * axis_rotation([1, 2, 3], 0.9)[0], (1, -2, 3)
+SIMILARITY = affine(1.5 * axis_rotation([1, 2, 3], 0.9)[0], (1, -2, 3))
 TENSORS = ("centers", "scales", "quaternions", "opacities", "sh_coeffs")
 
 
@@ -200,8 +199,7 @@ def test_to_world_moves_the_model_as_it_moves_the_shape_dog():
     shape: Any = mi.load_dict(dog_dict(splats, to_world=scalar_transform(SIMILARITY)))
     assert_same(to_ellipsoids(shape), moved, atol=1e-5)
 
-    rigid = np.eye(4)
-    rigid[:3, :3], rigid[:3, 3] = axis_rotation([1, 2, 3], 0.9)[0], (0.4, -0.2, 0.3)
+    rigid = affine(axis_rotation([1, 2, 3], 0.9)[0], (0.4, -0.2, 0.3))
     along = Camera(CAMERA.w2c @ np.linalg.inv(rigid), 40.0, 40.0, 24.0, 18.0, 48, 36)
     assert np.abs(traced(transformed(splats, rigid), along) - traced(splats)).mean() < 1e-5
 

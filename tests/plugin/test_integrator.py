@@ -11,7 +11,7 @@ import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, device_array
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (
     axis_rotation,
@@ -83,8 +83,7 @@ def test_a_crop_window_is_cut_out_of_the_whole_image(crop):
 
 def test_to_world_equals_a_camera_that_moves_the_other_way():
     rotation = axis_rotation([0.5, 1, -2], 1.3)[0]
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, (0.7, -0.2, 3)
+    matrix = affine(rotation, (0.7, -0.2, 3))
     moved = Camera(CAMERA.w2c @ np.linalg.inv(matrix), CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 40, 30)
     got = render(scene_of(MODEL, moved, {"to_world": scalar_transform(matrix)}))
     assert_close(got, expected_image(MODEL))

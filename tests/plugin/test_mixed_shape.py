@@ -9,6 +9,7 @@ import pytest
 from film_derivatives import errors_of_adam, film_gradients
 from mi_dogsplat import Splats, reference, write_ply
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.row_groups import SH
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import (
@@ -38,10 +39,7 @@ def assert_equal(ours: Splats, theirs: Splats, **tolerance):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), err_msg=name, **tolerance)
 
 
-def similarity() -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = 1.3 * axis_rotation([1, 2, -1], 0.9)[0], (0.1, 0.2, 0.5)
-    return matrix
+SIMILARITY = affine(1.3 * axis_rotation([1, 2, -1], 0.9)[0], (0.1, 0.2, 0.5))
 
 
 @pytest.mark.parametrize("source", ["tensors", "file"])
@@ -57,12 +55,12 @@ def test_groups_go_in_are_seen_and_come_out(tmp_path, source):
 
 
 def test_a_moved_shape_turns_its_groups():
-    expected = transformed(mixed(), similarity())
-    at_load: Any = mi.load_dict(dog_dict(mixed(), to_world=scalar_transform(similarity())))
+    expected = transformed(mixed(), SIMILARITY)
+    at_load: Any = mi.load_dict(dog_dict(mixed(), to_world=scalar_transform(SIMILARITY)))
     assert_equal(at_load.to_splats(), expected, atol=1e-5)
     later: Any = mi.load_dict(dog_dict(mixed()))
     params: Any = mi.traverse(later)
-    params["to_world"] = mi.Transform4f(similarity())
+    params["to_world"] = mi.Transform4f(SIMILARITY)
     params.update()
     assert_equal(later.to_splats(), expected, atol=1e-5)
     images = [mi.render(mi.load_dict({"type": "scene", "integrator": {"type": "dogsplat"}, "splats": shape,

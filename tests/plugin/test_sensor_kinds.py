@@ -10,7 +10,7 @@ import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.plugin.samples import Sample, samples
 from mi_dogsplat.plugin.sensor import SensorReader, View
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.mitsuba_cameras import OPENCV_FROM_MITSUBA
 from splat_scenes import axis_rotation, dog_dict, random_splats, rounded, scene_of, select, sensor_dict, square_camera
 
@@ -26,8 +26,7 @@ def film(width=64, height=48, **others) -> dict[str, Any]:
 
 
 def to_world(scale=(1.0, 1.0, 1.0)) -> mi.ScalarTransform4f:
-    matrix: Any = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = ROTATION * scale, (0.7, -0.2, 3)
+    matrix: Any = affine(ROTATION * scale, (0.7, -0.2, 3))
     return mi.ScalarTransform4f(matrix)
 
 
@@ -127,9 +126,9 @@ def picture(sensor: dict[str, Any], splats=MODEL, spp=0, **integrator) -> np.nda
 
 
 def test_an_orthographic_view_is_that_of_a_pinhole_very_far_away():
-    pose, width, distance = np.eye(4), 2.2, 1e4
-    pose[:3, :3] = ROTATION @ np.diag([-1, 1, -1])  # looks back at the model
-    pose[:3, 3] = ROTATION @ (0, 0, 6.0) + MODEL.means.mean(0)
+    width, distance = 2.2, 1e4
+    turn = ROTATION @ np.diag([-1, 1, -1])  # looks back at the model
+    pose = affine(turn, ROTATION @ (0, 0, 6.0) + MODEL.means.mean(0))
     scaled: Any = pose @ np.diag([width, width, 1, 1])
     got = picture({"type": "orthographic", "to_world": mi.ScalarTransform4f(scaled), "film": film()})
     f = 0.5 * 64 / width * distance
@@ -156,8 +155,8 @@ def test_what_is_in_focus_is_as_sharp_as_by_a_pinhole_and_the_rest_is_the_mean_o
     expected = np.zeros((48, 64, 3))
     shifts = [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)]
     for r, a, (x, y) in itertools.product(radii, angles, shifts):
-        p, w2c = np.array([r * np.cos(a), r * np.sin(a)]), np.eye(4)
-        w2c[:2, 3] = -p
+        p = np.array([r * np.cos(a), r * np.sin(a)])
+        w2c = affine(np.eye(3), (*-p, 0))
         center = np.array([32, 24]) + f * p / focus + 0.5 - (x, y)
         expected += reference.render(splats, Camera(w2c, f, f, center[0], center[1], 64, 48))[0]
     expected /= len(radii) * len(angles) * len(shifts)

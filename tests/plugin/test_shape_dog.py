@@ -13,6 +13,7 @@ import pytest
 from mi_dogsplat import Splats, read_ply, reference, write_ply
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.engine.project import NO_ROW
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import axis_rotation, dog_dict, make_splats, random_splats, rounded, scalar_transform
 
@@ -58,8 +59,7 @@ def test_tensors_give_the_model():
 
 
 def test_to_world_moves_the_model_once_at_load():
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = 2 * axis_rotation([1, 2, 3], 0.9)[0], (1, -2, 3)
+    matrix = affine(2 * axis_rotation([1, 2, 3], 0.9)[0], (1, -2, 3))
     moved = load(to_world=scalar_transform(matrix)).to_splats()
     expected = transformed(MODEL, matrix)
     np.testing.assert_allclose(reference.rotations(moved.quats), reference.rotations(expected.quats), atol=1e-5)

@@ -13,6 +13,7 @@ from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.plugin import splat_integrator
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.row_groups import ALONG_AXES
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.scene.whole import whole
@@ -106,9 +107,8 @@ def test_shapes_with_and_without_are_drawn_as_one_model(kind: Kind):
 @EACH_KIND
 @pytest.mark.parametrize("mirror", [False, True], ids=["turned", "mirrored"])
 def test_a_moved_shape_takes_them_along(kind: Kind, mirror):
-    matrix: Any = np.eye(4)
-    matrix[:3, :3] = axis_rotation([1, 2, -1], 0.4)[0] @ np.diag([1, -1 if mirror else 1, 1]) * 1.2
-    matrix[:3, 3] = 0.1, 0.2, 0.5
+    turn = axis_rotation([1, 2, -1], 0.4)[0] @ np.diag([1, -1 if mirror else 1, 1])
+    matrix: Any = affine(1.2 * turn, (0.1, 0.2, 0.5))
     model, name = kind.model, f"splats.{kind.name}"
     expected = transformed(model, matrix)
     scene, params = traversed(model)

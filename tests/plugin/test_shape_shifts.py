@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import Splats, to_ellipsoids, write_ply
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.row_groups import SHIFTS
 from mi_dogsplat.scene.transform import transformed
 from own_axes_models import ADJOINT, CAMERA, picture, traversed
@@ -27,9 +28,7 @@ def model() -> Splats:
 
 
 def placed(linear: np.ndarray) -> Any:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = linear, (0.1, 0.2, 0.5)
-    return matrix
+    return affine(linear, (0.1, 0.2, 0.5))
 
 
 @pytest.mark.parametrize("source", ["tensors", "file"])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from film_derivatives import film_gradients
 from mi_dogsplat import Drawing, Model, Splats, read_model, to_dog, write_model
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.support.errors import DataError
 from splat_scenes import axis_rotation, random_splats, rounded, scalar_transform, sensor_dict, square_camera
 
@@ -19,9 +20,7 @@ EVERYTHING = Model(
 )
 PLAIN = rounded(random_splats(9, seed=4, degree=1, dog_share=0))
 MODELS = pytest.mark.parametrize("model", [EVERYTHING, Model(PLAIN)], ids=["everything", "plain"])
-STRETCH: Any = np.eye(4)
-STRETCH[:3, :3] = axis_rotation([1, 2, -1], 0.4)[0] @ np.diag([1.1, -0.9, 1.3])
-STRETCH[:3, 3] = 0.1, -0.2, 0.5
+STRETCH: Any = affine(axis_rotation([1, 2, -1], 0.4)[0] @ np.diag([1.1, -0.9, 1.3]), (0.1, -0.2, 0.5))
 TO_WORLD = pytest.mark.parametrize("to_world", [None, STRETCH], ids=["in place", "moved"])
 
 

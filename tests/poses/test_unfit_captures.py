@@ -8,7 +8,7 @@ import pytest
 from command_line import run
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.run import find_poses
-from mi_dogsplat.scene.cameras import inverse_rigid
+from mi_dogsplat.scene.cameras import affine, inverse_rigid
 from mi_dogsplat.support.errors import DataError
 from posed_room import SIZE, folder_of
 
@@ -18,8 +18,7 @@ from benchmarks.poses.filmed_scene import arc, picture, textured_room, write_vid
 def test_a_camera_that_only_turns_is_told_to_walk(tmp_path, capsys):
     scene, base, pictures = textured_room(), arc(1, *SIZE)[0], []
     for angle in np.linspace(-0.3, 0.3, 5):
-        turn = np.eye(4)
-        turn[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        turn = affine([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
         camera = dataclasses.replace(base, w2c=inverse_rigid(base.c2w @ turn))
         pictures.append(picture(scene, [camera], 4))
     turning = folder_of(tmp_path / "turning", pictures)

@@ -15,6 +15,7 @@ from dataset_folders import HEIGHT, WIDTH, transforms_folder
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import view_name
 from mi_dogsplat.datasets.refined import write_refined
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.drawing import Drawing, comments_of, drawing_of
 from mi_dogsplat.scene.linear_map import sh_projection
 from mi_dogsplat.scene.ply import read_ply
@@ -31,8 +32,7 @@ ADDON = Path(__file__).parents[2] / "blender_addon"
 @pytest.mark.parametrize("name", MAPS)
 def test_a_transform_makes_the_same_of_a_model(addon, name):
     """Similarities, and maps that are none (``linear_map.py`` of both)."""
-    matrix, splats = np.eye(4), rounded(random_splats(40, seed=7))
-    matrix[:3, :3], matrix[:3, 3] = MAPS[name], (0.4, -0.3, 0.2)
+    matrix, splats = affine(MAPS[name], (0.4, -0.3, 0.2)), rounded(random_splats(40, seed=7))
     expected = transformed(splats, matrix)
     got = addon("files.transform").transformed(as_model(addon, splats), matrix)
     wanted = as_model(addon, expected)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from addon_models import ADDON_KINDS, EACH_ADDON_KIND, MAPS, as_model
 from cut_models import kept_shares
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.transform import transformed
 from own_axes_models import CURVED, EACH_KIND, SLOPED
@@ -30,10 +31,9 @@ def with_kernels_of(splats, model):
 @pytest.mark.parametrize("name", MAPS)
 def test_a_moved_primitive_shows_the_same_at_the_same_places(addon, name, kind):
     """By what places show, as axes may be named in another order."""
-    matrix, splats = np.eye(4), kind.having(random_splats(40, seed=7), every=3)
+    matrix, splats = affine(MAPS[name], (0.4, -0.3, 0.2)), kind.having(random_splats(40, seed=7), every=3)
     added = {SLOPED.word: slope_colors, CURVED.word: curvature_brightness}
     shown = added.get(kind.word) or partial(kept_shares, plane=kind.group)
-    matrix[:3, :3], matrix[:3, 3] = MAPS[name], (0.4, -0.3, 0.2)
     moved = addon("files.transform").transformed(as_model(addon, splats), matrix)
     points = points_in(splats, kind.index(splats))
     expected = shown(splats, points)
@@ -47,8 +47,7 @@ def test_a_moved_primitive_shows_the_same_at_the_same_places(addon, name, kind):
 
 @pytest.mark.parametrize("name", MAPS)
 def test_a_moved_primitive_stands_where_that_of_the_package_does_in_each_view(addon, name):
-    matrix, splats = np.eye(4), with_shifts(random_splats(40, seed=7), every=3)
-    matrix[:3, :3], matrix[:3, 3] = MAPS[name], (0.4, -0.3, 0.2)
+    matrix, splats = affine(MAPS[name], (0.4, -0.3, 0.2)), with_shifts(random_splats(40, seed=7), every=3)
     moved = addon("files.transform").transformed(as_model(addon, splats), matrix)
     views = np.random.default_rng(4).normal(size=(9, 3))
     views /= np.linalg.norm(views, axis=1, keepdims=True)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.scene.cameras import affine
 from splat_scenes import C0, axis_rotation, make_camera, make_splats, random_splats
 
 # Spherical harmonics and rotations
@@ -106,17 +107,15 @@ def test_rotating_the_world_and_the_camera_together_changes_nothing():
     (a, w), q = (quat[:3], quat[3]), splats.quats  # quaternion product quat * q
     vector = w * q[:, :3] + q[:, 3:] * a + np.cross(a, q[:, :3])
     moved.quats = np.column_stack([vector, w * q[:, 3] - q[:, :3] @ a])
-    w2c = np.eye(4)
-    w2c[:3, :3], w2c[:3, 3] = R.T, -R.T @ shift
-    for ours, theirs in zip(reference.render(moved, make_camera(w2c=w2c)), expected, strict=True):
+    camera = make_camera(w2c=affine(R.T, -R.T @ shift))
+    for ours, theirs in zip(reference.render(moved, camera), expected, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-10)
 
 
 def test_colour_depends_on_the_world_direction_from_the_camera_centre():
     R, _ = axis_rotation([0, 1, 0], 0.1)
     position = np.array([0.5, 0.2, -1])
-    w2c = np.eye(4)
-    w2c[:3, :3], w2c[:3, 3] = R, -R @ position
+    w2c = affine(R, -R @ position)
     splats = make_splats([0.2, 0.1, 3])
     splats.sh_coeffs = np.random.default_rng(1).normal(0, 0.1, (1, 4, 3))
     d = (splats.means[0] - position) / np.linalg.norm(splats.means[0] - position)

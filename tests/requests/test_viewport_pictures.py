@@ -19,7 +19,7 @@ from mi_dogsplat.requests.serve import Lines, serve
 from mi_dogsplat.requests.shares import importance
 from mi_dogsplat.requests.view_request import read_view_request
 from mi_dogsplat.requests.views import Views
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
@@ -223,9 +223,7 @@ def test_a_scene_whose_mesh_has_changed_is_read_again_and_no_other(views, tmp_pa
         cube.write_ply(str(tmp_path / "m.ply"))
 
     def covered() -> float:
-        w2c = np.eye(4)
-        w2c[2, 3] = 4
-        camera = camera_json(Camera(w2c, 20, 20, 8, 6, 16, 12))
+        camera = camera_json(Camera(affine(np.eye(3), (0, 0, 4)), 20, 20, 8, 6, 16, 12))
         request = {"scene": str(tmp_path / "s.json"), "camera": camera, "samples": 0, "transparent": True}
         return float(last(views, request)[..., 3].sum())
 

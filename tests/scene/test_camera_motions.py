@@ -13,7 +13,7 @@ from mi_dogsplat.scene.camera_motions import (
     preconditioners,
     without_common,
 )
-from mi_dogsplat.scene.cameras import inverse_rigid
+from mi_dogsplat.scene.cameras import affine, inverse_rigid
 from scipy.spatial.transform import Rotation
 
 EXTENT = 3.3
@@ -22,9 +22,7 @@ GIVEN: Any = np.array([camera.w2c for camera in tiny_data.cameras()])
 
 def motion_matrix(motion: np.ndarray) -> np.ndarray:
     """M of the module's docstring, by scipy."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = Rotation.from_rotvec(motion[:3]).as_matrix(), EXTENT * motion[3:]
-    return matrix
+    return affine(Rotation.from_rotvec(motion[:3]).as_matrix(), EXTENT * motion[3:])
 
 
 @pytest.mark.parametrize("size", [0, 1e-9, 1e-4, 0.02, 0.5, 2])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mi_dogsplat.scene.cameras import Camera, nearest_rigid, opengl_c2w_to_opencv_w2c
+from mi_dogsplat.scene.cameras import Camera, affine, nearest_rigid, opengl_c2w_to_opencv_w2c
 from mi_dogsplat.scene.mitsuba_cameras import (
     camera_from_mitsuba,
     camera_to_mitsuba,
@@ -25,8 +25,7 @@ def rotation(rng: np.random.Generator) -> np.ndarray:
 
 
 def some_camera(width: int = 64, height: int = 48, **changes) -> Camera:
-    w2c = np.eye(4)
-    w2c[:3, :3], w2c[:3, 3] = rotation(np.random.default_rng(3)), (0.3, -0.2, 2.0)
+    w2c = affine(rotation(np.random.default_rng(3)), (0.3, -0.2, 2.0))
     values = {"fx": 70.0, "fy": 70.0, "cx": 0.4 * width, "cy": 0.55 * height}
     return Camera(w2c, **{**values, **changes}, width=width, height=height)
 
@@ -124,9 +123,7 @@ def test_a_camera_refuses_a_pose_of_the_wrong_shape_or_with_nan_and_cannot_be_ch
 
 
 def test_opengl_poses_look_along_minus_z_with_y_up():
-    c2w = np.eye(4)
-    c2w[:3, 3] = (1, 2, 3)
-    camera = Camera(opengl_c2w_to_opencv_w2c(c2w), 10, 10, 0, 0, 1, 1)
+    camera = Camera(opengl_c2w_to_opencv_w2c(affine(np.eye(3), (1, 2, 3))), 10, 10, 0, 0, 1, 1)
     np.testing.assert_allclose(camera.position, (1, 2, 3))
     pixels, depth = camera.project([(1, 2.5, 1)])  # ahead by 2, up by 0.5
     np.testing.assert_allclose((*pixels[0], depth[0]), (0, -2.5, 2))

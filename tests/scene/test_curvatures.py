@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.export.bake import baked
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.curvatures import ENTRIES, matrices, mean_brightness, rows_of, turned
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
@@ -41,9 +41,7 @@ def test_a_place_is_as_bright_when_it_is_told_by_turned_axes():
 
 def from_side(quat: np.ndarray) -> Camera:
     """Turned at random about the origin, 3 units away from it."""
-    w2c = np.eye(4)
-    w2c[:3, :3], w2c[2, 3] = reference.rotations(quat[None])[0], 3
-    return make_camera(48, 40, 60.0, w2c=w2c)
+    return make_camera(48, 40, 60.0, w2c=affine(reference.rotations(quat[None])[0], (0, 0, 3)))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.linear_map import mapped_factors, mapped_kernels, sh_projection
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import mean_scale, sh_rotation, transformed
@@ -16,10 +16,8 @@ SHEAR = np.array([[1.2, 0.5, 0], [0, 0.7, -0.3], [0.1, 0, 2.0]])
 MIRROR = np.eye(3) - 2 * np.outer([0.6, 0, 0.8], [0.6, 0, 0.8])
 
 
-def affine(linear: np.ndarray, translation=(0.4, -0.3, 0.2)) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = linear, translation
-    return matrix
+def displaced(linear: np.ndarray) -> np.ndarray:
+    return affine(linear, (0.4, -0.3, 0.2))
 
 
 def covariances(quats: np.ndarray, scales: np.ndarray) -> np.ndarray:
@@ -36,7 +34,7 @@ def directions(n: int) -> np.ndarray:
 def test_covariances_are_those_of_the_map_in_float64(linear):
     splats = rounded(random_splats(50))
     splats.log_scales[:5, 1] = -12  # flat ones
-    got = transformed(splats, affine(linear))
+    got = transformed(splats, displaced(linear))
     before, after = (covariances(s.quats, np.exp(s.log_scales.astype(np.float64))) for s in (splats, got))
     expected = linear @ before @ linear.T
     np.testing.assert_allclose(after, expected, atol=2e-6 * abs(expected).max(axis=(1, 2)).max())
@@ -49,7 +47,7 @@ def test_covariances_are_those_of_the_map_in_float64(linear):
 def test_a_mirror_image_is_what_a_mirrored_camera_saw(degree):
     """The camera behind the mirror, whose picture is the other way round: both lobes and all bands of colour."""
     splats, camera = rounded(random_splats(60, degree=degree)), tilted_camera(cx=28.0)
-    matrix = affine(1.3 * MIRROR)
+    matrix = displaced(1.3 * MIRROR)
     w2c = np.diag([-1.3, 1.3, 1.3, 1]) @ camera.w2c @ np.linalg.inv(matrix)
     behind = Camera(w2c, camera.fx, camera.fy, camera.width - camera.cx, camera.cy, camera.width, camera.height)
     before, after = image_of(rasterized(splats, camera), camera), image_of(
@@ -74,7 +72,7 @@ def test_a_model_that_is_stretched_across_the_view_is_what_a_longer_lens_saw():
 def test_equal_factors_of_dog_are_kept_by_any_map(linear):
     splats = rounded(random_splats(40))
     splats.dog_log_scales[:] = splats.dog_log_scales[:, :1]
-    got = transformed(splats, affine(linear))
+    got = transformed(splats, displaced(linear))
     np.testing.assert_allclose(got.dog_log_scales, splats.dog_log_scales, atol=2e-6)
 
 
@@ -82,7 +80,7 @@ def test_factors_along_the_axes_of_a_stretch_move_with_them():
     splats = rounded(random_splats(40))
     splats.quats[:] = 0, 0, 0, 1
     splats.log_scales[:] = np.log([0.1, 0.2, 0.3])
-    got = transformed(splats, affine(np.diag([1.0, 9, 1])))  # 0.1, 1.8, 0.3: in another order
+    got = transformed(splats, displaced(np.diag([1.0, 9, 1])))  # 0.1, 1.8, 0.3: in another order
     pseudo, expected = (
         covariances(s.quats[s.dog_index], np.exp(s.log_scales[s.dog_index] + s.dog_log_scales)) for s in (got, splats)
     )
@@ -126,7 +124,7 @@ def test_colours_are_the_nearest_of_their_degree(degree):
 
 @pytest.mark.parametrize("linear", [0.3 * ROTATION, 2 * MIRROR, -np.eye(3)])
 def test_of_similarities_the_projection_is_the_turn(linear):
-    isometry = linear / mean_scale(affine(linear))
+    isometry = linear / mean_scale(displaced(linear))
     np.testing.assert_allclose(sh_projection(linear, 3), sh_rotation(isometry, 3), atol=1e-12)
     d, coefficients = directions(50), np.random.default_rng(0).normal(size=16)
     turned = reference.sh_basis(d @ isometry.T, 3) @ (sh_rotation(isometry, 3) @ coefficients)
@@ -135,7 +133,7 @@ def test_of_similarities_the_projection_is_the_turn(linear):
 
 def test_degrees_of_single_primitives_are_those_of_the_padded_model():
     mixed = rounded(random_splats(40)).with_sh_degrees(np.arange(40) % 4)
-    got, padded = transformed(mixed, affine(SHEAR)), transformed(mixed.uniform_sh(), affine(SHEAR))
+    got, padded = transformed(mixed, displaced(SHEAR)), transformed(mixed.uniform_sh(), displaced(SHEAR))
     for degree in range(4):
         rows = np.flatnonzero(mixed.sh_degrees == degree)
         k = (degree + 1) ** 2
@@ -146,16 +144,16 @@ def test_degrees_of_single_primitives_are_those_of_the_padded_model():
 
 def test_a_primitive_that_is_not_finite_spoils_no_other():
     splats = rounded(random_splats(20))
-    expected = transformed(splats, affine(SHEAR))
+    expected = transformed(splats, displaced(SHEAR))
     splats.log_scales[3] = np.nan
-    got = transformed(splats, affine(SHEAR))
+    got = transformed(splats, displaced(SHEAR))
     assert np.isnan(got.log_scales[3]).all()
     others = np.arange(20) != 3
     np.testing.assert_array_equal(got.log_scales[others], expected.log_scales[others])
-    assert transformed(Splats.empty(2), affine(SHEAR)).n_splats == 0
+    assert transformed(Splats.empty(2), displaced(SHEAR)).n_splats == 0
 
 
 @pytest.mark.parametrize("linear", [np.diag([1.0, 1, 0]), np.zeros((3, 3)), np.diag([1, 1, np.nan])])
 def test_what_flattens_is_refused(linear: Any):
     with pytest.raises(ValueError, match="cannot be flattened"):
-        transformed(rounded(random_splats(3)), affine(linear))
+        transformed(rounded(random_splats(3)), displaced(linear))

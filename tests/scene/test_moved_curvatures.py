@@ -9,6 +9,7 @@ import pytest
 from cut_models import flattened, with_cuts, with_second_cuts
 from mi_dogsplat.engine.motion import moved
 from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.scene.whole import whole
@@ -29,9 +30,7 @@ PLANES: dict[str, Callable[..., Splats]] = {
 
 
 def matrix_of(linear: np.ndarray) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = linear, (0.4, -0.3, 0.2)
-    return matrix
+    return affine(linear, (0.4, -0.3, 0.2))
 
 
 def some_flat() -> Splats:

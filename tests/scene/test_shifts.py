@@ -11,6 +11,7 @@ from mi_dogsplat import read_ply, reference, write_ply
 from mi_dogsplat.engine.motion import moved
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.export.bake import baked
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.linear_map import view_projection
 from mi_dogsplat.scene.shifts import mean_views, seen_from
 from mi_dogsplat.scene.splats import Splats
@@ -31,10 +32,8 @@ def splats() -> Splats:
     return with_shifts(random_splats(14, seed=2, degree=1))
 
 
-def of(linear: np.ndarray, translation=(0.3, -2, 1)) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = linear, translation
-    return matrix
+def of(linear: np.ndarray) -> np.ndarray:
+    return affine(linear, (0.3, -2, 1))
 
 
 def test_the_twin_sees_them_at_their_places(splats):

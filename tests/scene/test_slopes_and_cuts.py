@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from cut_models import kept_shares, with_cuts, with_second_cuts
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.curvatures import mean_brightness
 from mi_dogsplat.scene.kinds import kinds, kinds_of
 from mi_dogsplat.scene.ply import read_ply, write_ply
@@ -270,8 +271,7 @@ def test_a_mismatch_names_both_sides(changes, message):
 
 def moved_by(name: str, splats: Splats) -> tuple[Splats, np.ndarray, np.ndarray]:
     """A model after a map of ``MAPS`` and a translation; places in the primitives with rows, before and after."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = MAPS[name], (0.4, -0.3, 0.2)
+    matrix = affine(MAPS[name], (0.4, -0.3, 0.2))
     points = points_in(splats, np.arange(0, splats.n_splats, 2))
     return transformed(splats, matrix), points, points @ matrix[:3, :3].T + matrix[:3, 3]
 

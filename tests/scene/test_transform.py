@@ -1,9 +1,11 @@
 """Similarity transforms: a moved model seen by a moved camera is the same picture."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.quaternions import (
     quaternion_from_rotation,
     quaternion_product,
@@ -24,18 +26,14 @@ ROTATION = axis_rotation([1, -2, 0.7], 2.1)[0]
 
 
 def similarity(scale=1.7, rotation=ROTATION, translation=(0.4, -3, 2)) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = scale * rotation, translation
-    return matrix
+    return affine(scale * rotation, translation)
 
 
 def camera_after(camera: Camera, matrix: np.ndarray) -> Camera:
     """The camera that sees the moved world as this one sees the world; depths are scaled."""
     rotation, scale, translation = decompose_similarity(matrix)
-    w2c = np.eye(4)
-    w2c[:3, :3] = camera.w2c[:3, :3] @ rotation.T
-    w2c[:3, 3] = scale * camera.w2c[:3, 3] - w2c[:3, :3] @ translation
-    return Camera(w2c, camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
+    turn = camera.w2c[:3, :3] @ rotation.T
+    return replace(camera, w2c=affine(turn, scale * camera.w2c[:3, 3] - turn @ translation))
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])

@@ -8,6 +8,7 @@ import pytest
 from cut_models import flattened, with_cuts, with_second_cuts
 from mi_dogsplat import reference
 from mi_dogsplat.scene.across import across_views
+from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.scene.whole import nearest_whole, whole
@@ -157,8 +158,7 @@ def test_the_others_keep_every_bit(given):
 def test_a_map_may_come_before_or_after(linear, given):
     """One that keeps angles, and with them the views. Up to a rounding of all but equal axes, what is whole does not
     depend on the axes it is told in."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = linear
+    matrix = affine(linear)
     splats = given(with_slopes(random_splats(40, dog_share=0, degree=0)))
     one, other = whole(transformed(splats, matrix)), transformed(whole(splats), matrix)
     np.testing.assert_allclose(one.means, other.means, atol=1e-5)
@@ -280,9 +280,8 @@ def test_what_a_normal_has_along_the_thinnest_axis_hardly_moves_a_primitive_and_
     splats.second_cut_normals[:, 2] *= 4
     squares = np.zeros(2)
     for k in range(6):
-        matrix = np.eye(4)
-        matrix[:3, :3] = axis_rotation([1, 2, -1], k)[0] @ axis_rotation([0, 1, 1], 2 * k)[0]
-        matrix[:3, 3] = [0, 0, 3] - matrix[:3, :3] @ [0, 0, 3]  # about the middle of the model
+        turn = axis_rotation([1, 2, -1], k)[0] @ axis_rotation([0, 1, 1], 2 * k)[0]
+        matrix = affine(turn, [0, 0, 3] - turn @ [0, 0, 3])  # about the middle of the model
         views = [image_of(rasterized(transformed(s, matrix), camera), camera)
                  for s in (splats, whole(splats), splats.without_cuts())]  # fmt: skip
         squares += [((views[0] - other) ** 2).mean() for other in views[1:]]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mi_dogsplat.datasets import View, camera_extent
-from mi_dogsplat.scene.cameras import Camera, spread_of
+from mi_dogsplat.scene.cameras import Camera, affine, spread_of
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.training.initialize import MIN_SQUARED_DISTANCE, random_splats, region_of_interest, splats_from_points
 
@@ -12,10 +12,8 @@ def look_at(position, target, width=64, height=48, focal=50.0) -> Camera:
     forward = np.subtract(target, position) / np.linalg.norm(np.subtract(target, position))
     right = np.cross(forward, (0.0, 0.3, 1.0))
     right /= np.linalg.norm(right)
-    w2c = np.eye(4)
-    w2c[:3, :3] = right, np.cross(forward, right), forward
-    w2c[:3, 3] = -w2c[:3, :3] @ position
-    return Camera(w2c, focal, focal, width / 2, height / 2, width, height)
+    turn = np.stack([right, np.cross(forward, right), forward])
+    return Camera(affine(turn, -turn @ position), focal, focal, width / 2, height / 2, width, height)
 
 
 def ring(target, radius=4.0, count=12) -> list[Camera]:

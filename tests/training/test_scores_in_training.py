@@ -70,8 +70,8 @@ def test_what_each_kind_of_rows_is_worth_is_looked_at_in_the_primitives_that_hav
     shown = half_of(trainer)
     expected = [losses(*shown) for losses in (slope_losses, curvature_losses)]
     expected += [energies(rule, *shown, 0)[0] for rule in (NO_CUT, NO_SECOND_CUT)]
-    for group, rows, losses in zip(OWN_AXES, (found.slopes, found.curvatures, found.cuts, found.second_cuts), expected,
-                                   strict=True):  # fmt: skip
+    assert list(found.rows) == list(OWN_AXES)
+    for (group, rows), losses in zip(found.rows.items(), expected, strict=True):
         np.testing.assert_array_equal(np.flatnonzero(rows.has), trainer.optimizer.index_of(group))
         np.testing.assert_allclose(rows.without[rows.has], losses[rows.has], rtol=1e-5)
         assert losses[rows.has].max() > 0 and not rows.without[~rows.has].any()

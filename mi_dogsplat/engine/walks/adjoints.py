@@ -20,7 +20,7 @@ from ..geometry import MAX_ALPHA
 from ..project import LN2
 from ..slopes import CHANNELS
 from ..tables import N_PSEUDO, CentredKernel, varying_columns
-from .block_sums import curvature_adjoints, kernel_adjoints, plane_adjoints
+from .block_sums import curvature_adjoints, dot, kernel_adjoints, plane_adjoints
 from .pixels import Planes
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import Alphas, Meeting, Walk
@@ -59,6 +59,7 @@ def _composite_backward(
     rows = SlotRows(view.lists, _columns(view), in_turn)
     pseudo_rows = SlotRows(view.lists, N_PSEUDO, in_turn) if walk.has_dog else None
     pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
+    column_of, row_of = zip(*((k % blocks.width, k // blocks.width) for k in range(pixels.count)), strict=True)
 
     δC = [pixels.read(plane) for plane in δplanes.features]
     # what is still to come of δC·C + δT T: all of it at the start
@@ -66,23 +67,55 @@ def _composite_backward(
     for plane, δ in zip(blended.features, δC, strict=True):
         rest = [dr.fma(c, d, r) for c, d, r in zip(pixels.read(plane), δ, rest, strict=True)]
 
-    def pseudo_part(rows: SlotRows, alphas: Alphas, slot, dx, dy, δp: list) -> tuple:
+    def at_pixels(meeting: Meeting, colors: list, alphas: Alphas, T: list, rest: list) -> tuple[list, list]:
+        """(weight α T, ln 2 δα) at each pixel of the block; walks past the primitive."""
+        weights, δα = [], []
+        for k, a in enumerate(alphas.values):
+            weight, behind, goes_on = walk.advance(a, T[k], meeting, k)
+            weight = dr.select(goes_on, weight, 0)
+            c = colors[0][k] * δC[0][k]
+            for f in features[1:]:
+                c = dr.fma(colors[f][k], δC[f][k], c)
+            rest[k] = dr.fma(-weight, c, rest[k])
+            δ = LN2 * dr.fma(T[k], c, -walk.hidden(rest[k], a, a))
+            # zero where the primitive was ignored, or the walk had ended
+            δα.append(dr.select(goes_on & (a != 0), δ, 0))
+            weights.append(weight)
+            T[k] = behind
+        return weights, δα
+
+    def exponents(values: list, δα: list) -> list:
+        """δp at each pixel, of 2^p g = ``values``: zero where it is limited to .99."""
+        return [dr.select(value < MAX_ALPHA, δ * value, 0) for value, δ in zip(values, δα, strict=True)]
+
+    def feature_sums(meeting: Meeting, weights: list) -> tuple[list, list, list]:
+        """(δ of the features; Σ δ column and Σ δ row of each channel, where colours have slopes; δ of the brightness at
+        each pixel, where it curves)"""
+        moments, δbrightness = [], []
+        for δplane in δC[:CHANNELS] if meeting.row.slopes else ():
+            δcolors = [weight * δ for weight, δ in zip(weights, δplane, strict=True)]
+            moments.append((dot(column_of, δcolors), dot(row_of, δcolors)))
+        if meeting.row.curvatures:
+            δbrightness = [weight * (r + g + b) for weight, r, g, b in zip(weights, *δC[:CHANNELS], strict=True)]
+        return [dot(weights, δplane) for δplane in δC], moments, δbrightness
+
+    def pseudo_part(rows: SlotRows, meeting: Meeting, alphas: Alphas, slot, δp: list) -> tuple:
         """Add what is the pseudo-Gaussian's own to its row, in a branch as its kernel; returns δ of x, y."""
 
         def add(slot, dog_row, dx, dy, δp):
-            kernel = walk.pseudo_row(dog_row)
-            δ = CentredKernel(*kernel_adjoints(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
+            δ = kernel_adjoints(δp, walk.pseudo_row(dog_row), dx, dy, blocks)
             rows.add(slot, [*δ[-N_PSEUDO:]], True)
             return δ.x, δ.y
 
-        return if_stmt((slot, alphas.dog_row, dx, dy, δp), alphas.is_dog, add, lambda *_: (Float(0), Float(0)))
+        of_lane = slot, alphas.dog_row, meeting.dx, meeting.dy, δp
+        return if_stmt(of_lane, alphas.is_dog, add, lambda *_: (Float(0), Float(0)))
 
-    def slope_part(meeting: Meeting, δf: list, δby_column: list, δby_row: list, δrow: CentredKernel) -> tuple:
+    def slope_part(meeting: Meeting, δf: list, moments: list, δrow: CentredKernel) -> tuple:
         """(δ of the row with what the centre does by way of the slopes, δ of the slopes)"""
-        row, dx, dy = meeting.row, meeting.dx, meeting.dy
-        δgx = [dr.fma(dx, δ, by) for δ, by in zip(δf, δby_column, strict=False)]
-        δgy = [dr.fma(dy, δ, by) for δ, by in zip(δf, δby_row, strict=False)]
-        for δ, gx, gy in zip(δf, row.slopes, row.slopes[CHANNELS:], strict=False):
+        slopes, δgx, δgy = meeting.row.slopes, [], []
+        for gx, gy, δ, (by_column, by_row) in zip(slopes[:CHANNELS], slopes[CHANNELS:], δf, moments, strict=False):
+            δgx.append(dr.fma(meeting.dx, δ, by_column))
+            δgy.append(dr.fma(meeting.dy, δ, by_row))
             δrow = δrow._replace(x=dr.fma(-gx, δ, δrow.x), y=dr.fma(-gy, δ, δrow.y))  # dx, dy are from there
         return δrow, δgx + δgy
 
@@ -93,51 +126,28 @@ def _composite_backward(
         δx, δy, *δq = curvature_adjoints(δbrightness, meeting.row.curvatures, meeting.dx, meeting.dy, blocks)
         return δrow.centre_plus(δx, δy), δq
 
-    def cut_part(meeting: Meeting, alphas: Alphas, δp: list, δp_pseudo: list, δrow: CentredKernel) -> tuple:
-        """The same of cuts: hx and hy of each plane."""
-        both = [a + b for a, b in zip(δp, δp_pseudo, strict=True)] if δp_pseudo else δp
+    def cut_part(meeting: Meeting, alphas: Alphas, δp: list, δrow: CentredKernel) -> tuple:
+        """The same of cuts, hx and hy of each plane; ``δp``: of both kernels."""
         δcuts = []
         for kept, (hx, hy) in zip(alphas.kept, by_plane(meeting.row.cuts), strict=True):
-            δexponents = [δ * fall for δ, fall in zip(both, kept.falls, strict=True)]
+            δexponents = [δ * fall for δ, fall in zip(δp, kept.falls, strict=True)]
             δx, δy, *δh = plane_adjoints(δexponents, hx, hy, meeting.dx, meeting.dy, blocks)
             δrow, δcuts = δrow.centre_plus(δx, δy), δcuts + δh
         return δrow, δcuts
 
     def step(meeting: Meeting, T: list, rest: list) -> None:
-        slot, colors, dx, dy = walk.slot(meeting), walk.features(meeting), meeting.dx, meeting.dy
-        alphas = walk.alphas(meeting)
-        δp, δp_pseudo, δbrightness = [], [], []
-        δf = [Float(0) for _ in features]
-        δby_column, δby_row = ([Float(0) for _ in meeting.row.slopes[:CHANNELS]] for _ in range(2))
-        for k, a in enumerate(alphas.values):
-            weight, behind, goes_on = walk.advance(a, T[k], meeting, k)
-            weight = dr.select(goes_on, weight, 0)
-            c = colors[0][k] * δC[0][k]
-            for f in features:
-                δf[f] = dr.fma(weight, δC[f][k], δf[f])
-                if f:
-                    c = dr.fma(colors[f][k], δC[f][k], c)
-            for f in range(len(δby_column)):
-                δcolor = weight * δC[f][k]
-                δby_column[f] = dr.fma(k % blocks.width, δcolor, δby_column[f])
-                δby_row[f] = dr.fma(k // blocks.width, δcolor, δby_row[f])
-            if meeting.row.curvatures:
-                δbrightness.append(weight * (δC[0][k] + δC[1][k] + δC[2][k]))
-            rest[k] = dr.fma(-weight, c, rest[k])
-            δα = LN2 * dr.fma(T[k], c, -walk.hidden(rest[k], a, a))
-            # zero where the primitive was ignored, or the walk had ended
-            δα = dr.select(goes_on & (a != 0), δα, 0)
-            δp.append(dr.select(alphas.primary[k] < MAX_ALPHA, δα * alphas.primary[k], 0))
-            if alphas.pseudo is not None:
-                δp_pseudo.append(dr.select(alphas.pseudo[k] < MAX_ALPHA, -δα * alphas.pseudo[k], 0))
-            T[k] = behind
-        kernel = meeting.row.kernel
-        δrow = CentredKernel(*kernel_adjoints(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
-        if pseudo_rows is not None:
-            δrow = δrow.centre_plus(*pseudo_part(pseudo_rows, alphas, slot, dx, dy, δp_pseudo))
-        δrow, δslopes = slope_part(meeting, δf, δby_column, δby_row, δrow)
+        slot, colors, alphas = walk.slot(meeting), walk.features(meeting), walk.alphas(meeting)
+        weights, δα = at_pixels(meeting, colors, alphas, T, rest)
+        δf, moments, δbrightness = feature_sums(meeting, weights)
+        δp = exponents(alphas.primary, δα)
+        δrow = kernel_adjoints(δp, meeting.row.kernel, meeting.dx, meeting.dy, blocks)
+        if pseudo_rows is not None and alphas.pseudo is not None:
+            δp_pseudo = exponents(alphas.pseudo, [-δ for δ in δα])
+            δrow = δrow.centre_plus(*pseudo_part(pseudo_rows, meeting, alphas, slot, δp_pseudo))
+            δp = [a + b for a, b in zip(δp, δp_pseudo, strict=True)]
+        δrow, δslopes = slope_part(meeting, δf, moments, δrow)
         δrow, δq = curvature_part(meeting, δbrightness, δrow)
-        δrow, δcuts = cut_part(meeting, alphas, δp, δp_pseudo, δrow)
+        δrow, δcuts = cut_part(meeting, alphas, δp, δrow)
         rows.add(slot, [*δrow, *δf, *δslopes, *δq, *δcuts], meeting.active)
 
     walk.run(step, rest, "composite_backward")

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -12,6 +13,7 @@ import drjit as dr
 from ..arrays import array_types
 from ..curvatures import curved_slope
 from ..geometry import Blocks
+from ..tables import CentredKernel, KernelRow
 
 
 def block_sums(values: list, blocks: Blocks) -> tuple:
@@ -29,8 +31,17 @@ def block_sums(values: list, blocks: Blocks) -> tuple:
     return m0, mk, mr, mkk, mkr, mrr
 
 
-def kernel_adjoints(δp: list, ux: Any, uy: Any, vy: Any, dx: Any, dy: Any, blocks: Blocks) -> list:
-    """δ of x, y, ux, uy, vy and lo of a kernel from δp at every pixel."""
+def dot(a: Sequence, b: Sequence) -> Any:
+    """Σ a b, in the order of the pixels."""
+    total = array_types().Float(0)
+    for x, y in zip(a, b, strict=True):
+        total = dr.fma(x, y, total)
+    return total
+
+
+def kernel_adjoints(δp: list, kernel: KernelRow, dx: Any, dy: Any, blocks: Blocks) -> CentredKernel:
+    """δ of a kernel from δp at every pixel."""
+    ux, uy, vy = kernel.ux, kernel.uy, kernel.vy
     m0, mk, mr, mkk, mkr, mrr = block_sums(δp, blocks)
     # u and v at the corner, where they are small numbers next to a needle; then sums of δp u, δp v, δp u dx, ...
     u, v = dr.fma(ux, dx, uy * dy), vy * dy
@@ -38,7 +49,7 @@ def kernel_adjoints(δp: list, ux: Any, uy: Any, vy: Any, dx: Any, dy: Any, bloc
     mux = dr.fma(dx, mu, dr.fma(u, mk, dr.fma(ux, mkk, uy * mkr)))
     muy = dr.fma(dy, mu, dr.fma(u, mr, dr.fma(ux, mkr, uy * mrr)))
     mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
-    return [2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0]
+    return CentredKernel(2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0)
 
 
 def plane_adjoints(δexponents: list, hx: Any, hy: Any, dx: Any, dy: Any, blocks: Blocks) -> list:

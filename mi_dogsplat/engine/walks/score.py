@@ -39,6 +39,7 @@ import mitsuba as mi
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
+from .block_sums import dot
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import Alphas, Meeting, Walk
 
@@ -128,30 +129,14 @@ def _composite_score(
         behind = [[m * b for m, b in zip(*planes, strict=True)] for planes in zip(shown, behind, strict=True)]
     if sums.channels == 1:
         behind = [[r + g + b for r, g, b in zip(*behind, strict=True)]]
-    # ξ at the lane's own pixels, in the order in which F is listed
+    # at the lane's own pixels, in the order in which F is listed: w² and ξ
+    weights = None if weight2 is None else [weight2[k] for _ in channels for k in own]
     probes = [[values[p * len(channels) + f][k] for f in channels for k in own] for p in range(sums.probes)]
 
-    def energy(F: list):
-        total = Float(0)
-        for f in channels:
-            for k in own:
-                total = dr.fma(F[f][k] if weight2 is None else F[f][k] * weight2[k], F[f][k], total)
-        return total
-
-    def gradient_energy(F: list):
-        total = Float(0)
-        for f in channels:
-            for k in own:
-                for neighbour in (k + 1, k + width):
-                    difference = dr.select(pixels.inside[neighbour], F[f][neighbour] - F[f][k], 0)
-                    total = dr.fma(difference, difference, total)
-        return total
-
-    def correlation(probe: list, F: list):
-        total = Float(0)
-        for ξ, value in zip(probe, (F[f][k] for f in channels for k in own), strict=True):
-            total = dr.fma(ξ, value, total)
-        return total
+    def differences(plane: list) -> list:
+        """To the next pixels of a row and of a column, 0 at the border of the image."""
+        pairs = [(k, neighbour) for k in own for neighbour in (k + 1, k + width)]
+        return [dr.select(pixels.inside[n], plane[n] - plane[k], 0) for k, n in pairs]
 
     def changes_of(alphas: Alphas) -> list:
         """What each pixel's α loses with the part of the primitive that F asks for."""
@@ -189,8 +174,14 @@ def _composite_score(
 
     def step(meeting: Meeting, T: list, behind: list) -> None:
         slot, F = walk.slot(meeting), footprint(meeting, T, behind)
-        result = ([energy(F)] if sums.energy else []) + ([gradient_energy(F)] if sums.gradient else [])
-        rows.add(slot, result + [correlation(probe, F) for probe in probes], meeting.active)
+        listed, result = [F[f][k] for f in channels for k in own], []
+        if sums.energy:
+            weighted = listed if weights is None else [value * w for value, w in zip(listed, weights, strict=True)]
+            result.append(dot(weighted, listed))
+        if sums.gradient:
+            steps = [difference for plane in F for difference in differences(plane)]
+            result.append(dot(steps, steps))
+        rows.add(slot, result + [dot(probe, listed) for probe in probes], meeting.active)
 
     walk.run(step, behind, "composite_score")
     return rows.sums(above=above)

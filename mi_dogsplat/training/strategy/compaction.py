@@ -16,7 +16,7 @@ import numpy as np
 
 from ...formats.sizes import FileKind, prices
 from ...scene.curvatures import mean_brightness
-from ...scene.row_groups import DOG, OWN_AXES, RowGroup
+from ...scene.row_groups import CURVATURES, OWN_AXES, RowGroup
 from ...scene.sh_basis import C0
 from ...scene.splats import Splats
 from ...support.errors import DataError
@@ -178,13 +178,14 @@ def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
     degrees[chosen.kept] = chosen.degrees
     whole = replace(splats.uniform_sh(), sh_coeffs=options.bands.fitted(degrees)).select(chosen.kept)
     left: dict[str, np.ndarray] = {}
-    flatter = ~np.isin(whole.curvature_index, chosen.curvatures)
-    index = whole.curvature_index[flatter]
-    average = mean_brightness(whole.brightness_curvatures[flatter], whole.log_scales[index])
-    whole.sh_coeffs[index, 0] += average[:, None] / C0
-    for group, places in zip((DOG, *OWN_AXES), chosen.of_groups, strict=True):
-        rows = np.isin(getattr(whole, group.index), places)
-        left |= {name: getattr(whole, name)[rows] for name in (group.index, *group.names)}
+    for group, places in chosen.rows.items():
+        index = getattr(whole, group.index)
+        stay = np.isin(index, places)
+        if group == CURVATURES:  # of those that go the average brightness stays
+            flatter = index[~stay]
+            average = mean_brightness(whole.brightness_curvatures[~stay], whole.log_scales[flatter])
+            whole.sh_coeffs[flatter, 0] += average[:, None] / C0
+        left |= {name: getattr(whole, name)[stay] for name in (group.index, *group.names)}
     return replace(whole, **left).with_sh_degrees(chosen.degrees)
 
 

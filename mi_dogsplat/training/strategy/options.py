@@ -11,13 +11,13 @@ raise its price.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...formats.sizes import Prices
-from ...scene.row_groups import CURVATURES, CUTS, DOG, MAX_SH_DEGREE, SECOND_CUTS, SLOPES, RowGroup
+from ...scene.row_groups import CURVATURES, CUTS, DOG, MAX_SH_DEGREE, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
 from ...scene.splats import Splats
 from ...scores.bands import Bands, bands
 from ...scores.score import ScoreRule, energies
@@ -31,8 +31,6 @@ NO_CUT = ScoreRule("leave-cut-out", spectral_weight=0.0)
 NO_SECOND_CUT = ScoreRule("leave-second-cut-out", spectral_weight=0.0)
 DEGREES = MAX_SH_DEGREE + 1
 NEVER = 1e6  # times as much as the primitive that matters most
-GROUPS = "dog", "slopes", "curvatures", "cuts", "second_cuts"  # each a field of ``Options``, ``Chosen`` and ``Prices``
-NOBODY = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -41,16 +39,7 @@ class Chosen:
 
     kept: np.ndarray  # [n] rows, increasing
     degrees: np.ndarray  # [n] their SH degrees
-    dog: np.ndarray  # [m] those of the rows kept that stay DoG, as places among them
-    slopes: np.ndarray  # [s] those that keep their slopes
-    curvatures: np.ndarray  # [b] their curvatures
-    cuts: np.ndarray  # [c] those that keep their cut
-    second_cuts: np.ndarray  # and their second one
-
-    @property
-    def of_groups(self) -> list[np.ndarray]:
-        """Those places, group by group."""
-        return [getattr(self, name) for name in GROUPS]
+    rows: Mapping[RowGroup, np.ndarray]  # of each group of ``Options``: who keeps its row, as places [m] in ``kept``
 
 
 @dataclass(frozen=True)
@@ -61,12 +50,10 @@ class Rows:
     without: np.ndarray  # [N], 0 where there is none
 
     @classmethod
-    def of(cls, index: np.ndarray, n: int, loss: Callable[[], np.ndarray] | None) -> Rows:
-        """``loss`` measures [N]; None: rows that the run has not yet are as good as needed."""
-        has = np.zeros(n, bool)
-        has[index] = True
-        lost = loss() if loss and has.any() else np.full(n, np.inf)
-        return cls(has, np.where(has, lost, 0.0))
+    def of(cls, index: np.ndarray, n: int, losses: np.ndarray | float) -> Rows:
+        """Of the primitives ``index`` of ``n``; ``losses`` [N] without a row, or one for all."""
+        has = np.isin(np.arange(n), index)
+        return cls(has, np.where(has, losses, 0.0))
 
     @property
     def held(self) -> Rows:
@@ -81,11 +68,7 @@ class Options:
     removal: np.ndarray  # [N] what is lost without the primitive
     by_degree: np.ndarray  # [N, highest degree + 1] ... without the bands above
     degrees: np.ndarray  # [N] that it has
-    dog: Rows
-    slopes: Rows
-    curvatures: Rows
-    cuts: Rows
-    second_cuts: Rows
+    rows: Mapping[RowGroup, Rows]  # that may go: of DoG, slopes, curvatures and cuts, where the model has any
     shifted: np.ndarray  # [N] bool, whether it has a row of shifts, which stays with it
     bands: Bands
 
@@ -102,19 +85,21 @@ class Options:
         def energy(rule: ScoreRule) -> np.ndarray:
             return energies(rule, params, views, seed=0)[0]
 
-        def rows(group: RowGroup, loss: Callable[[], np.ndarray]) -> Rows:
-            measured = loss if len(t.optimizer.index_of(group)) else None
-            return Rows.of(getattr(splats, group.index), n, measured)
-
-        of_groups = (
-            rows(DOG, lambda: energy(NO_DOG)),
-            rows(SLOPES, lambda: slope_losses(params, views)),
-            rows(CURVATURES, lambda: curvature_losses(params, views)),
-            rows(CUTS, lambda: energy(NO_CUT)),
-            rows(SECOND_CUTS, lambda: energy(NO_SECOND_CUT)),
-        )
+        measures = {
+            DOG: lambda: energy(NO_DOG),
+            SLOPES: lambda: slope_losses(params, views),
+            CURVATURES: lambda: curvature_losses(params, views),
+            CUTS: lambda: energy(NO_CUT),
+            SECOND_CUTS: lambda: energy(NO_SECOND_CUT),
+        }
+        rows = {}
+        for group, losses in measures.items():
+            index = getattr(splats, group.index)
+            if len(index):
+                trained = len(t.optimizer.index_of(group)) > 0
+                rows[group] = Rows.of(index, n, losses() if trained else np.inf)  # what is to come is as good as needed
         shifted = np.isin(np.arange(n), splats.shift_index)
-        return cls(energy(REMOVAL), found.losses(), splats.sh_degrees, *of_groups, shifted, found)
+        return cls(energy(REMOVAL), found.losses(), splats.sh_degrees, rows, shifted, found)
 
     def of_whole_primitives(self, means: np.ndarray) -> Options:
         """The same, when a primitive can only go or stay as it is; those that are outermost are the last to go.
@@ -125,8 +110,8 @@ class Options:
         removal[np.concatenate([means.argmin(axis=0), means.argmax(axis=0)])] = NEVER * max(removal.max(), 1.0)
         whole = np.arange(self.by_degree.shape[1]) == self.degrees[:, None]
         by_degree = np.where(whole, self.by_degree, np.inf)
-        rows = {name: getattr(self, name).held for name in GROUPS}
-        return replace(self, removal=removal, by_degree=by_degree, **rows)
+        rows = {group: rows.held for group, rows in self.rows.items()}
+        return replace(self, removal=removal, by_degree=by_degree, rows=rows)
 
     def chosen(self, prices: Prices, budget: float) -> Chosen:
         """What gains most for its bytes in a file of at most ``budget`` bytes, as far as prices tell."""
@@ -135,17 +120,15 @@ class Options:
         plain[:, : highest + 1] = self.removal[:, None] - self.by_degree
         plain[np.arange(DEGREES) > self.degrees[:, None]] = -np.inf
         values, bytes_of = plain, np.array(prices.bands)
-        groups = [name for name in GROUPS if getattr(self, name).has.any()]
-        for rows, price in [(getattr(self, name), getattr(prices, name)) for name in groups]:
+        for group, rows in self.rows.items():
             having = np.where(rows.has[:, None], values, -np.inf)
             values = np.concatenate([values - rows.without[:, None], having], axis=1)
-            bytes_of = np.concatenate([bytes_of, bytes_of + max(price, 1e-9)])
+            bytes_of = np.concatenate([bytes_of, bytes_of + max(prices.rows[group], 1e-9)])
         values, bytes_of = np.concatenate([np.zeros((n, 1)), values], axis=1), np.append(0.0, bytes_of)
         if self.shifted.any():
-            bytes_of = bytes_of + prices.shifts * np.outer(self.shifted, bytes_of > 0)  # [N, options]
+            bytes_of = bytes_of + prices.rows[SHIFTS] * np.outer(self.shifted, bytes_of > 0)  # [N, options]
         choice = allocate(values, bytes_of, max(0.0, budget - prices.fixed))
         kept = np.flatnonzero(choice)
-        what = choice[kept] - 1  # degree, and DEGREES << k if it keeps its row of the k-th of these groups
-        left = dict.fromkeys(GROUPS, NOBODY)
-        left |= {name: np.flatnonzero(what // (DEGREES << k) % 2) for k, name in enumerate(groups)}
-        return Chosen(kept, what % DEGREES, **left)
+        what = choice[kept] - 1  # degree, and DEGREES << k if it keeps its row of the k-th group
+        rows = {group: np.flatnonzero(what // (DEGREES << k) % 2) for k, group in enumerate(self.rows)}
+        return Chosen(kept, what % DEGREES, rows)

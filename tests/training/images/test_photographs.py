@@ -16,7 +16,7 @@ from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.datasets.dataset import View, held
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.datasets.masks import Masks
-from mi_dogsplat.engine.parameters import device_bytes
+from mi_dogsplat.engine.parameters import device_array, device_bytes
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture import over_background, premultiplied
@@ -164,26 +164,34 @@ def test_only_a_few_images_from_disk_are_held_at_a_time_and_each_is_read_once_pe
 
 
 def test_masks_are_held_as_bytes_or_read_with_their_images(data, tmp_path, monkeypatch):
-    read, of = [], Masks.of
+    read, of, uploaded = [], Masks.of, []
     monkeypatch.setattr(Masks, "of", lambda self, view: read.append(view.name) or of(self, view))
+
+    def watched(values: np.ndarray, dtype: Any = None) -> Any:
+        if values.ndim == 2:  # a mask; images have channels
+            uploaded.append(dtype)
+        return device_array(values, dtype)
+
+    monkeypatch.setattr("mi_dogsplat.training.images.photographs.device_array", watched)
     folder = str(write_masks(tmp_path, load_dataset(data), left_half()))
     (tmp_path / f"{load_dataset(data).train[0].name}.png").unlink()
     l1, plain, byte = {}, budget("1G", load_dataset(data), 0), device_bytes()
     for on_disk in (False, True):
         dataset = load_dataset(data, on_disk=on_disk)
         read.clear()
+        uploaded.clear()
         trainer = Trainer(config_of(masks=folder, data_on_disk=on_disk, memory="1G"), dataset)
         names = [view.name for view in dataset.train]
         assert read == (names[:1] if on_disk else names)  # on disk up to the first that is not black everywhere
         read.clear()
-        held = [mask for _, mask in trainer.photographs._kept]
-        assert held[:1] == ([] if on_disk else [None]) and all(isinstance(mask, byte) for mask in held[1:])
+        assert uploaded == ([] if on_disk else [byte] * len(names[1:]))  # the first has none
         if not on_disk:
             assert trainer.memory and plain and trainer.memory.fixed - plain.fixed == len(dataset.train) * PIXELS
         for _ in dataset.train:
             trainer.step()
         l1[on_disk] = trainer.losses.take()["l1"], trainer.training_l1()
         assert len(read) == (2 * len(dataset.train) if on_disk else 0)  # on disk once in each turn
+        assert uploaded == [byte] * (2 if on_disk else 1) * len(names[1:])
     assert l1[False] == pytest.approx(l1[True], rel=1e-3)
 
 

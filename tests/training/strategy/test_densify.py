@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from launches import KernelWatch
 from mi_dogsplat.engine.project import DeviceCamera, project
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
@@ -232,8 +232,7 @@ def test_opacities_have_come_back_when_growth_ends(steps, stop):
 
 
 def view(width: int, height: int, z: float) -> DeviceCamera:
-    w2c = np.eye(4)
-    w2c[2, 3] = z
+    w2c = affine(np.eye(3), (0, 0, z))
     return DeviceCamera.upload(Camera(w2c, 40.0, 40.0, width / 2, height / 2, width, height))
 
 

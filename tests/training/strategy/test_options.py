@@ -6,31 +6,30 @@ import numpy as np
 import pytest
 from mi_dogsplat.formats.sizes import Prices
 from mi_dogsplat.scene.curvatures import mean_brightness
-from mi_dogsplat.scene.row_groups import CUTS, DOG, OWN_AXES, SECOND_CUTS
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, DOG, PLANES, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import Bands
 from mi_dogsplat.training.strategy.compaction import as_chosen
-from mi_dogsplat.training.strategy.options import GROUPS, Options, Rows
+from mi_dogsplat.training.strategy.options import Options, Rows
 from shifted_models import with_shifts
 from splat_scenes import C0, random_splats, rounded
 
+PRICES = Prices(
+    10.0,
+    (100.0, 150.0, 200.0, 300.0),
+    {DOG: 20.0, SLOPES: 40.0, CURVATURES: 28.0, CUTS: 30.0, SECOND_CUTS: 30.0, SHIFTS: 52.0},
+)
 
-def options_of(removal, by_degree, without_dog, splats: Splats, slopes=None, curvatures=None, cuts=None,
-               second_cuts=None) -> Options:  # fmt: skip
-    """``slopes`` and the others: what is lost without."""
+
+def options_of(removal, by_degree, without_dog, splats: Splats, without=None) -> Options:
+    """``without``: of other groups what is lost without them, for each primitive."""
     whole = splats.uniform_sh()
     nothing = [np.zeros(splats.n_splats)] * (whole.sh_coeffs.shape[1] * (whole.sh_coeffs.shape[1] + 1) // 2)
-    bands = Bands(whole.sh_coeffs, nothing)
-    given = without_dog, slopes, curvatures, cuts, second_cuts
-    losses = {group.index: loss for group, loss in zip((DOG, *OWN_AXES), given, strict=True)}
-
-    def rows(index: str) -> Rows:
-        has, loss = np.isin(np.arange(splats.n_splats), getattr(splats, index)), losses[index]
-        return Rows(has, np.zeros(splats.n_splats) if loss is None else np.array(loss))
-
-    groups = {name: rows(index) for name, index in zip(GROUPS, losses, strict=True)}
+    losses = {DOG: np.array(without_dog)} | {group: np.array(lost) for group, lost in (without or {}).items()}
+    rows = {group: Rows.of(getattr(splats, group.index), splats.n_splats, lost) for group, lost in losses.items()}
     shifted = np.isin(np.arange(splats.n_splats), splats.shift_index)
-    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, bands=bands, shifted=shifted, **groups)
+    bands = Bands(whole.sh_coeffs, nothing)
+    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, rows, shifted, bands)
 
 
 def four() -> Splats:
@@ -41,8 +40,6 @@ def four() -> Splats:
     return Splats(**arrays, **dog).with_sh_degrees([1, 1, 1, 0])
 
 
-PLANES = {"cuts": CUTS, "second_cuts": SECOND_CUTS}
-PRICES = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0)
 LOSSES = ([9, 5, 4, 1.0], [[4, 0], [0.1, 0], [0.1, 0], [0, 0.0]], [3, 0.01, 0, 0.0])
 
 
@@ -60,10 +57,7 @@ def test_bytes_go_where_they_gain_most(budget, kept, degrees, dog):
     chosen = options_of(*LOSSES, four()).chosen(PRICES, budget)
     np.testing.assert_array_equal(chosen.kept, kept)
     np.testing.assert_array_equal(chosen.degrees, degrees)
-    np.testing.assert_array_equal(chosen.dog, dog)
-
-
-SLOPED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0)
+    np.testing.assert_array_equal(chosen.rows[DOG], dog)
 
 
 def four_sloped() -> Splats:
@@ -83,19 +77,16 @@ def four_sloped() -> Splats:
     ],
 )
 def test_slopes_go_where_they_gain_least_for_their_bytes(budget, kept, degrees, dog, slopes):
-    options = options_of([9, 5, 4, 3.0], *LOSSES[1:], four_sloped(), slopes=[2.0, 0, 0.5, 0.02])
-    chosen = options.chosen(SLOPED, budget)
+    options = options_of([9, 5, 4, 3.0], *LOSSES[1:], four_sloped(), {SLOPES: [2.0, 0, 0.5, 0.02]})
+    chosen = options.chosen(PRICES, budget)
     np.testing.assert_array_equal(chosen.kept, kept)
     np.testing.assert_array_equal(chosen.degrees, degrees)
-    np.testing.assert_array_equal(chosen.dog, dog)
-    np.testing.assert_array_equal(chosen.slopes, slopes)
+    np.testing.assert_array_equal(chosen.rows[DOG], dog)
+    np.testing.assert_array_equal(chosen.rows[SLOPES], slopes)
     model = as_chosen(four_sloped(), options, chosen)
     np.testing.assert_array_equal(model.slope_index, slopes)
     expected = four_sloped().color_slopes[np.searchsorted([0, 2, 3], slopes)]
     np.testing.assert_array_equal(model.color_slopes, expected)
-
-
-CURVED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0, 28.0)
 
 
 def four_curved(sloped: bool) -> Splats:
@@ -117,13 +108,13 @@ def four_curved(sloped: bool) -> Splats:
 )
 def test_curvatures_go_where_they_gain_least_for_their_bytes_and_leave_their_mean(sloped, budget, kept, curvatures):
     splats = four_curved(sloped)
-    slopes = [2.0, 0, 1.8, 1.7] if sloped else None  # more for their bytes than any curvature
-    options = options_of([9, 6, 5, 3.0], *LOSSES[1:], splats, slopes, [0, 1.5, 0.2, 0.05])
-    chosen = options.chosen(CURVED, budget + 40 * (len(kept) - 1) * sloped)
+    slopes = {SLOPES: [2.0, 0, 1.8, 1.7]} if sloped else {}  # more for their bytes than any curvature
+    options = options_of([9, 6, 5, 3.0], *LOSSES[1:], splats, slopes | {CURVATURES: [0, 1.5, 0.2, 0.05]})
+    chosen = options.chosen(PRICES, budget + 40 * (len(kept) - 1) * sloped)
     np.testing.assert_array_equal(chosen.kept, kept)
-    np.testing.assert_array_equal(chosen.curvatures, curvatures)
-    np.testing.assert_array_equal(chosen.slopes, np.intersect1d(splats.slope_index, kept))
+    np.testing.assert_array_equal(chosen.rows[CURVATURES], curvatures)
     model, rows = as_chosen(splats, options, chosen), np.array(curvatures) - 1
+    np.testing.assert_array_equal(model.slope_index, np.intersect1d(splats.slope_index, kept))
     np.testing.assert_array_equal(model.curvature_index, curvatures)
     np.testing.assert_array_equal(model.brightness_curvatures, splats.brightness_curvatures[rows])
     average = np.zeros(4)  # of what went
@@ -134,19 +125,16 @@ def test_curvatures_go_where_they_gain_least_for_their_bytes_and_leave_their_mea
     assert len(curvatures) == 3 or np.abs(average[kept]).max() > 0.05
 
 
-PRICED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0, 35.0, 30.0, 30.0)
-
-
-def four_cut(sloped: bool, *planes: str) -> Splats:
+def four_cut(sloped: bool, *planes: RowGroup) -> Splats:
     """Four, all but the third cut off."""
     splats = four_sloped() if sloped else four()
     for plane in planes:
-        (name,), index = PLANES[plane].names, PLANES[plane].index
-        splats = replace(splats, **{index: np.array([0, 1, 3]), name: np.random.default_rng(1).normal(size=(3, 3))})
+        normals = {name: np.random.default_rng(1).normal(size=(3, 3)) for name in plane.names}
+        splats = replace(splats, **{plane.index: np.array([0, 1, 3])}, **normals)
     return splats
 
 
-@pytest.mark.parametrize("plane", PLANES)
+@pytest.mark.parametrize("plane", PLANES, ids=lambda plane: plane.index)
 @pytest.mark.parametrize("sloped", [False, True])
 @pytest.mark.parametrize(
     ("budget", "kept", "cuts"),
@@ -158,29 +146,26 @@ def four_cut(sloped: bool, *planes: str) -> Splats:
     ],
 )
 def test_cuts_go_where_they_gain_least_for_their_bytes(plane, sloped, budget, kept, cuts):
-    splats, (name,) = four_cut(sloped, plane), PLANES[plane].names
-    slopes = [2.0, 0, 1.8, 1.7] if sloped else None  # more for their bytes than any cut
-    options = options_of([9, 6, 5, 3.0], *LOSSES[1:], splats, slopes, **{plane: [1.5, 0.2, 0, 0.05]})
-    chosen = options.chosen(PRICED, budget + 40 * (len(kept) - 1) * sloped)
+    splats, (name,) = four_cut(sloped, plane), plane.names
+    slopes = {SLOPES: [2.0, 0, 1.8, 1.7]} if sloped else {}  # more for their bytes than any cut
+    options = options_of([9, 6, 5, 3.0], *LOSSES[1:], splats, slopes | {plane: [1.5, 0.2, 0, 0.05]})
+    chosen = options.chosen(PRICES, budget + 40 * (len(kept) - 1) * sloped)
     np.testing.assert_array_equal(chosen.kept, kept)
-    np.testing.assert_array_equal(getattr(chosen, plane), cuts)
-    np.testing.assert_array_equal(chosen.slopes, np.intersect1d(splats.slope_index, kept))
+    np.testing.assert_array_equal(chosen.rows[plane], cuts)
     model = as_chosen(splats, options, chosen)
-    np.testing.assert_array_equal(getattr(model, PLANES[plane].index), cuts)
+    np.testing.assert_array_equal(model.slope_index, np.intersect1d(splats.slope_index, kept))
+    np.testing.assert_array_equal(getattr(model, plane.index), cuts)
     np.testing.assert_array_equal(getattr(model, name), getattr(splats, name)[np.searchsorted([0, 1, 3], cuts)])
 
 
 def test_of_two_cuts_the_one_goes_that_gains_less():
     splats = four_cut(False, *PLANES)
-    options = options_of(*LOSSES, splats, cuts=[1.5, 0.03, 0, 0.9], second_cuts=[0.02, 1.2, 0, 0.9])
-    chosen = options.chosen(PRICED, 10 + 3 * 150 + 100 + 20 + 4 * 30)  # all but a DoG row and two cuts
+    options = options_of(*LOSSES, splats, {CUTS: [1.5, 0.03, 0, 0.9], SECOND_CUTS: [0.02, 1.2, 0, 0.9]})
+    chosen = options.chosen(PRICES, 10 + 3 * 150 + 100 + 20 + 4 * 30)  # all but a DoG row and two cuts
     assert chosen.kept.tolist() == [0, 1, 2, 3] and chosen.degrees.tolist() == [1, 1, 1, 0]
-    assert (chosen.dog.tolist(), chosen.cuts.tolist(), chosen.second_cuts.tolist()) == ([0], [0, 3], [1, 3])
+    assert [places.tolist() for places in chosen.rows.values()] == [[0], [0, 3], [1, 3]]
     model = as_chosen(splats, options, chosen)
     assert (model.cut_index.tolist(), model.second_cut_index.tolist()) == ([0, 3], [1, 3])
-
-
-SHIFTED = replace(PRICES, shifts=52.0)
 
 
 @pytest.mark.parametrize(
@@ -196,10 +181,10 @@ def test_shifts_stay_with_their_primitives_and_raise_the_price_of_these(budget, 
     """Without them the last primitive would go first."""
     splats = with_shifts(four())  # the first and the third
     options = options_of([9, 5, 1.2, 1.0], *LOSSES[1:], splats)
-    chosen = options.chosen(SHIFTED, budget)
+    chosen = options.chosen(PRICES, budget)
     np.testing.assert_array_equal(chosen.kept, kept)
     np.testing.assert_array_equal(chosen.degrees, degrees)
-    np.testing.assert_array_equal(chosen.dog, dog)
+    np.testing.assert_array_equal(chosen.rows[DOG], dog)
     model = as_chosen(splats, options, chosen)
     expected = splats.select(kept)
     assert model.n_shifts == expected.n_shifts > 0
@@ -209,8 +194,8 @@ def test_shifts_stay_with_their_primitives_and_raise_the_price_of_these(budget, 
 
 def test_slopes_that_are_to_come_cost_what_they_will_and_are_not_given_up():
     losses = [np.inf, 0, np.inf, np.inf]
-    chosen = options_of(*LOSSES, four_sloped(), slopes=losses).chosen(SLOPED, 10 + 3 * 140 + 100)
-    assert chosen.kept.tolist() == [0, 1, 2] and chosen.slopes.tolist() == [0, 2]
+    chosen = options_of(*LOSSES, four_sloped(), {SLOPES: losses}).chosen(PRICES, 10 + 3 * 140 + 100)
+    assert chosen.kept.tolist() == [0, 1, 2] and chosen.rows[SLOPES].tolist() == [0, 2]
 
 
 def test_a_degree_does_not_rise():
@@ -223,9 +208,9 @@ def test_at_the_end_whole_primitives_go_and_the_outermost_stay():
     splats.means[:] = [[0, 0, 0.5], [1, 1, 1], [-1, 0, 2], [0.5, -3, 0]]  # the first is in the middle
     options = options_of(*LOSSES, splats).of_whole_primitives(splats.means)
     everything = options.chosen(PRICES, 1e9)
-    assert everything.degrees.tolist() == [1, 1, 1, 0] and everything.dog.tolist() == [0, 1]
+    assert everything.degrees.tolist() == [1, 1, 1, 0] and everything.rows[DOG].tolist() == [0, 1]
     fewer = options.chosen(PRICES, 10 + 100 + 150 + 170)
-    assert fewer.kept.tolist() == [1, 2, 3] and fewer.degrees.tolist() == [1, 1, 0] and fewer.dog.tolist() == [0]
+    assert fewer.kept.tolist() == [1, 2, 3] and fewer.degrees.tolist() == [1, 1, 0] and fewer.rows[DOG].tolist() == [0]
 
 
 def test_the_model_of_a_choice_has_what_was_chosen():
