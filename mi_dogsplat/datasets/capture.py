@@ -26,6 +26,7 @@ from ..support.pictures import write_exr, write_png, write_radiance
 from ..support.resumable import begin
 from ..support.scene_errors import scene_error
 from ..support.srgb import displayed, luminance
+from ..support.variants import require_arrays
 from ..support.wording import counted
 from .auto_exposure import white_of_lights
 from .camera_paths import Shot, circling_shots
@@ -74,9 +75,8 @@ def capture(
     """
     import mitsuba as mi
 
+    require_arrays()
     scene_path, out = Path(scene_path), Path(out)
-    if "scalar" in (mi.variant() or ""):
-        raise DataError(scene_path, f"{mi.variant()} renders no arrays", 'call mi.set_variant("llvm_ad_rgb") first')
     plan = _plan(scene_path, config)
     begin(out / SETTINGS, _settings(scene_path, config), "capture", FREE, BEFORE)
     with locked(out, "another capture is writing to it"):

@@ -10,6 +10,7 @@ import numpy as np
 from ..support.errors import DataError
 from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.threads import threads_to_load
+from ..support.variants import require_variant
 from ..support.wording import counted
 
 SPLATTING = {"dogsplat", "dogpath"}  # integrators that draw ``dog`` shapes
@@ -86,9 +87,7 @@ def _splats_and_integrators(path: Path) -> tuple[int, set[str]]:
 def _parser_config(path: Path) -> Any:
     import mitsuba as mi
 
-    variant = mi.variant()
-    if variant is None:
-        raise DataError(path, "no Mitsuba variant is set", 'call mi.set_variant("llvm_ad_rgb") first')
+    variant = require_variant()
     if not path.is_file():
         raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
     as_mitsuba_reads(path)

@@ -19,6 +19,7 @@ from ..report.run_folder import CONFIG, HISTORY, METRICS, POSED, RECIPE
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, write_json
 from ..support.locks import locked
+from ..support.variants import require_arrays
 from ..training.config import TrainConfig
 from ..training.initialize import model_to_prune
 from ..training.presets import Recipe
@@ -96,6 +97,7 @@ def train(
     complete. Raises ``DataError``; ``Stopped`` when asked to stop in training or after it (Ctrl-C, SIGTERM), which
     leaves a checkpoint.
     """
+    require_arrays(config.variant)
     out = Path(out)
     check_world(config.up, config.scale, config.unit)
     check_inputs(config, out)
