@@ -56,6 +56,13 @@ def has_splats(path: Path) -> bool:
     return bool(_splats_and_integrators(path)[0])
 
 
+def shows_splats(path: Path) -> bool:
+    """Whether a scene has ``dog`` shapes and an integrator that draws them; it is read, not loaded. Raises
+    ``DataError``."""
+    n_splats, integrators = _splats_and_integrators(path)
+    return n_splats > 0 and bool(integrators & SPLATTING)
+
+
 def warn_of_unseen_splats(path: Path) -> None:
     """Warn of ``dog`` shapes in a scene whose integrator does not know splats and leaves them out without a word.
 
