@@ -37,6 +37,7 @@ PRESETS = (
     ("ours_second_cuts", "Ours with Second Cuts", "As preconditioned, and a second plane may cut off each splat"),
     ("ours_curvatures", "Ours with Curvatures", "As with second cuts, and a brightness that curves over each splat"),
     ("ours_shifts", "Ours with Shifts", "As with curvatures, and places of splats that depend on the view"),
+    ("ours_early", "Ours, Early", "As with shifts, and a shorter growth in larger steps: quicker"),
     ("paper", "Paper", "The published method, as it is printed"),
     ("released", "Released", "The published method, as in its code"),
     ("3dgs", "3DGS", "Plain 3D Gaussian splatting: nothing is pruned, nothing is DoG"),

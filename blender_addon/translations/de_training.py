@@ -17,6 +17,7 @@ OWN = {
     "Ours with Second Cuts": "Unsere mit zweiten Schnitten",
     "Ours with Curvatures": "Unsere mit Krümmungen",
     "Ours with Shifts": "Unsere mit Verschiebungen",
+    "Ours, Early": "Unsere, früh",
     "Paper": "Veröffentlichung",
     "Released": "Veröffentlichter Code",
     "3DGS": "3DGS",
@@ -82,6 +83,9 @@ REST = {
     ),
     "As with second cuts, and a brightness that curves over each splat": (
         "Wie mit zweiten Schnitten, und mit einer Helligkeit, die über jeden Splat gekrümmt verläuft"
+    ),
+    "As with shifts, and a shorter growth in larger steps: quicker": (
+        "Wie mit Verschiebungen, und mit kürzerem Wachstum in größeren Schritten: schneller"
     ),
     "As with curvatures, and places of splats that depend on the view": (
         "Wie mit Krümmungen, und mit Orten von Splats, die von der Blickrichtung abhängen"

@@ -24,6 +24,7 @@ from ..runs.run import train, train_until
 from ..scene.drawing import Drawing, drawn_as
 from ..support.files import read_object, write_json
 from ..training.config import TrainConfig
+from ..training.optimizer.learning_rates import Refinement
 from ..training.presets import RECIPES, Recipe
 from .folders import REMEDY
 from .methods import METHODS, WITHOUT_DOG, Method
@@ -58,6 +59,8 @@ def _recipe_in(folder: Path) -> Any:
         recipe = json.loads(json.dumps(dataclasses.asdict(Recipe()))) | known["recipe"]
         if isinstance(recipe["score"], dict):
             recipe["score"].pop("curve", None)  # which no recipe has set, and a score of an earlier version had
+        if recipe["refinement"]:
+            recipe["refinement"].setdefault("growth_gain", Refinement.growth_gain)
         known["recipe"] = recipe
     return known
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..scores.score import ScoreRule
-from ..training.presets import RECIPES, Recipe
+from ..training.presets import EARLY, RECIPES, Recipe
 from ..training.strategy.scheduler import PruningRule
 from .equal import EQUAL_RECIPES, OURS_PUBLISHED
 from .names import ALL, OURS, SUFFIX
@@ -63,6 +63,7 @@ STEPS = 30_000  # of the schedule that all share
 OPACITY = ScoreRule("opacity")
 EQUAL = PruningRule(division="equal", rounds=5)
 PAPER = "Wang et al. 2026"
+EARLY_STEPS = "a growth of its own, over 35 % of the steps, which are twice as large"
 EQUAL_STEPS = "window and step sizes are ours"
 DENSIFIED = (
     "first refined at step 500, where the code does so at 600; a step that refines is one of Adam, too, which it is "
@@ -125,6 +126,11 @@ AS_PUBLISHED = {
     "ours_second_cuts": Method("ours, with second cuts", RECIPES["ours_second_cuts"], "this project: docs/cuts.md"),
     "ours_curvatures": Method("ours, with curvatures", RECIPES["ours_curvatures"], "this project: docs/curvatures.md"),
     "ours_shifts": Method("ours, with shifts", RECIPES["ours_shifts"], "this project: docs/shifts.md"),
+    "3dgs_early": Method(
+        *("3DGS, 100 %, our steps, early", EQUAL_RECIPES["3dgs"].growing(EARLY), "Kerbl et al. 2023", EARLY_STEPS),
+        whole=True,
+    ),
+    "ours_early": Method("ours, early", RECIPES["ours_early"], "this project", EARLY_STEPS, whole=True),
 }
 
 
@@ -140,12 +146,12 @@ METHODS = {name: (AS_PUBLISHED | WITH_OURS)[name] for name in ALL}
 # the same method, and what it is without DoG
 WITHOUT_DOG = {"full": "v3", "paper": "v3", "ours": "ours_gaussian"}
 GROUPS = {
-    "3DGS": ("3dgs",),
+    "3DGS": ("3dgs", "3dgs_early"),
     "pruned by a score": ("opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),
     "learned sparsity": ("mask_gaussian", "lp_3dgs", "gaussian_spa", "gns"),
     "grown to the budget": ("taming", "dash", "mcmc", "improved_gs", "3dgs_capped"),
     "the paper": ("v1", "v2", "v3", "full", "paper", "released", "released_40k"),
-    "ours": ("ours_published", "ours_gaussian", *OURS),
+    "ours": ("ours_published", "ours_gaussian", *OURS, "ours_early"),
 }
 GROUPS = {
     group: (*names, *(name + SUFFIX for name in names if name + SUFFIX in METHODS)) for group, names in GROUPS.items()

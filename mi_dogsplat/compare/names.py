@@ -14,17 +14,20 @@ RIVALS = (
 OURS = ("ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "ours_curvatures",
         "ours_shifts")
 """Each adds to the one before it."""
+EARLY = ("3dgs_early", "ours_early")  # with a shorter growth of their own
 PUBLISHED = ("3dgs", *RIVALS, "paper", "released", "released_40k", "ours_published", *OURS)
 EQUAL = (
     *("3dgs_equal", *(name + SUFFIX for name in RIVALS), "paper_equal", "released_equal"),
     *("ours_gaussian", *OURS),
 )
 ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours_gaussian", *OURS)
-SETS = {"published": PUBLISHED, "equal": EQUAL, "ablation": ABLATION}
+SHORTER = ("3dgs", "3dgs_equal", "ours_shifts", *EARLY)  # by how much a shorter growth gains
+SETS = {"published": PUBLISHED, "equal": EQUAL, "ablation": ABLATION, "early": SHORTER}
 ALL = (
     *("3dgs", *RIVALS, "v1", "v2", "v3", "full", "paper", "released", "released_40k"),
     *(name for name in EQUAL if name.endswith(SUFFIX)),
     *("ours_published", "ours_gaussian", *OURS),
+    *EARLY,
 )  # in the order of the table
 
 

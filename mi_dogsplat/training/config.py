@@ -20,8 +20,9 @@ FREE = ("checkpoint_seconds", "memory", "up", "scale", "unit")
 PRESETS = (
     "recipe: ours; ours_slopes (with colours that vary over their primitives); ours_cuts (and planes that cut them "
     "off); ours_preconditioned (and preconditioned steps); ours_second_cuts (and a second plane for each); "
-    "ours_curvatures (and a brightness that curves over them); ours_shifts (and places that depend on the view); paper "
-    "or released (the method as printed, as in its code); 3dgs (baseline)"
+    "ours_curvatures (and a brightness that curves over them); ours_shifts (and places that depend on the view); "
+    "ours_early (and a shorter growth in larger steps); paper or released (the method as printed, as in its code); "
+    "3dgs (baseline)"
 )
 WORLD_SCALE = "remove primitives larger than this many camera extents (default: the preset's)"
 VARIANT = "Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb"
@@ -35,6 +36,10 @@ REFINE_POSES = "correct the poses of the training views by the photographs, besi
 PRECONDITIONED = (
     "move the numbers of each primitive jointly once pruning is over; ours_preconditioned and those that add to it do "
     "so anyway"
+)
+GROWTH = (
+    "share of the steps in which the model grows, in steps twice as large, all that follows being as much earlier "
+    "(default: as the preset has it, mostly a half, and as large as those of 3DGS)"
 )
 FORMATS = ("ply", "spz", "sog")
 FORMAT = f"file to train for, of {', '.join(FORMATS)}: the last part of the training sees the model as it will be there"
@@ -59,6 +64,7 @@ class TrainConfig:
         int, Setting("training steps; the whole schedule scales along (default: the preset's)", least=1)
     ] = FROM_RECIPE
     target: Annotated[str | float, Setting(TARGET, metavar="X")] = 0.1
+    growth: Annotated[float | None, Setting(GROWTH, "X", least=0.05, most=0.6)] = None
     format: Annotated[str, Setting(FORMAT, choices=FORMATS)] = "ply"
     batch_views: Annotated[int, Setting(BATCH, least=1)] = 1
     downscale: Downscale = 1
@@ -134,6 +140,8 @@ class TrainConfig:
         if self.model is not None:
             if not recipe.pruning:
                 refuse("preset", f'"{self.preset}" does not prune', PRUNING_PRESETS)
+            if self.growth is not None:
+                refuse("growth", "is for a training from the first step on", "leave it out for a model that exists")
             recipe = recipe.from_pruning()
         if self.steps is None:
             object.__setattr__(self, "steps", recipe.reference_steps)

@@ -94,24 +94,30 @@ class NotPruned(Event):
 
 @dataclass(frozen=True)
 class Refined(Event):
-    """A check of the pruning that lets the model go on refining; ``train_l1`` is the mean over the training views."""
+    """A check of the pruning that lets the model go on refining.
+
+    ``train_l1``: mean over the training views, None where it decides nothing.
+    """
 
     kind, words = "refined", "refine: {reason}"
     columns = MappingProxyType({"train_l1": "train_l1"})
     reason: str
-    train_l1: float
+    train_l1: float | None = None
 
 
 @dataclass(frozen=True)
 class Pruned(Event):
-    """A check of the pruning that pruned: numbers of primitives ``before`` and ``after``."""
+    """A check of the pruning that pruned: numbers of primitives ``before`` and ``after``.
+
+    ``train_l1``: mean over the training views before, None where it decides nothing.
+    """
 
     kind, words = "pruned", "prune {before} -> {after}: {reason}"
     columns = MappingProxyType({"train_l1": "train_l1", "pruned_from": "before", "pruned_to": "after"})
     before: int
     after: int
     reason: str
-    train_l1: float
+    train_l1: float | None = None
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,8 @@ from .strategy.slope_activation import (
 from .strategy.strategy import Strategy
 
 ACTIVATION = 18_000  # step at which primitives of ours become DoG and are given slopes, cuts and so on
+EARLY = 0.35  # share of the steps in which a model of "ours_early" grows
+GROWTH_GAIN = 2.0  # of the step sizes in a growth that is shorter than usual
 SETTLED = 500  # steps after which Adam knows the size of gradients that are new
 PRECONDITIONING = Preconditioning(start=ACTIVATION + SETTLED)
 
@@ -157,6 +159,38 @@ class Recipe:
             raise ValueError(f"Recipe.for_format: this recipe gives {rows} to primitives, which {name} does not hold")
         return self if name == "ply" else replace(self, dog=None, quantisation=Quantisation(name))
 
+    def growing(self, share: float, gain: float = GROWTH_GAIN) -> Recipe:
+        """The recipe with densification that ends after that share of the steps, which are ``gain`` times as large.
+
+        What follows keeps its distance from the end of densification, so refinement is as much longer as growth is
+        shorter. Larger steps make larger gradients, so the threshold of density control grows with their root, and
+        the number of primitives stays about the same (docs/experiments.md).
+
+        Raises ``ValueError`` for a share that leaves no growth, or no steps behind the last milestone.
+        """
+        density, stop = self.densification, round(share * self.reference_steps)
+        if stop <= density.start:
+            raise ValueError(f"Recipe.growing: a share of {share:g} leaves no step to grow")
+        steps = density.stop - stop
+        refinement = self.refinement or Refinement(density.stop, gain=1.0, end_gain=1.0, means_gain=1.0)
+        sooner = replace(
+            self,
+            densification=replace(density, stop=stop, gradient_threshold=density.gradient_threshold * math.sqrt(gain)),
+            refinement=replace(refinement.earlier(steps), growth_gain=gain),
+            preconditioning=self.preconditioning and self.preconditioning.earlier(steps),
+            **self._earlier(steps),
+        )
+        if sooner.last_milestone >= self.reference_steps:
+            raise ValueError(f"Recipe.growing: a share of {share:g} leaves no step after the last milestone")
+        return sooner
+
+    @property
+    def last_milestone(self) -> int:
+        """Step at which the last part of the recipe begins, or the window of pruning closes."""
+        rules = [self.refinement, self.preconditioning, self.dog, *self.row_rules.values()]
+        closed = self.pruning.stop if self.pruning else self.densification.stop
+        return max([closed, *(rule.start for rule in rules if rule)])
+
     def from_pruning(self) -> Recipe:
         """What is left of the recipe for a model that exists: from the first check on, without densification.
 
@@ -168,14 +202,20 @@ class Recipe:
         return replace(
             self,
             densification=replace(self.densification, start=0, stop=0),
-            pruning=replace(self.pruning, start=0, stop=self.pruning.stop - start),
-            dog=self.dog and replace(self.dog, start=max(0, self.dog.start - start)),
-            **{name: rule.earlier(start) for name, rule in self.row_rules.items()},
-            also=tuple(strategy.earlier(start) for strategy in self.also),
             reference_steps=self.reference_steps - start,
             sh_every=0,
             first_step=start,
+            **self._earlier(start),
         )
+
+    def _earlier(self, steps: int) -> dict[str, Any]:
+        """Pruning and what is no step size and follows on it, by their fields, that many steps earlier."""
+        return {
+            "pruning": self.pruning and self.pruning.earlier(steps),
+            "dog": self.dog and self.dog.earlier(steps),
+            "also": tuple(strategy.earlier(steps) for strategy in self.also),
+            **{name: rule.earlier(steps) for name, rule in self.row_rules.items()},
+        }
 
     def strategies(self, sieve: Sieve, size: tuple[int, FileKind] | None = None) -> list[Strategy[Any]]:
         """The parts of the training, in the order in which they act.
@@ -214,6 +254,7 @@ OURS_SLOPES = replace(OURS, slopes=SlopeRule(ACTIVATION))
 OURS_CUTS = replace(OURS_SLOPES, cuts=CutRule(ACTIVATION))
 OURS_SECOND_CUTS = replace(OURS_CUTS, second_cuts=CutRule(ACTIVATION))
 OURS_CURVATURES = replace(OURS_SECOND_CUTS, curvatures=SlopeRule(ACTIVATION))
+OURS_SHIFTS = replace(OURS_CURVATURES, shifts=ShiftRule(ACTIVATION)).preconditioned()
 RECIPES = {
     "ours": OURS,
     "ours_slopes": OURS_SLOPES,
@@ -221,7 +262,8 @@ RECIPES = {
     "ours_preconditioned": OURS_CUTS.preconditioned(),
     "ours_second_cuts": OURS_SECOND_CUTS.preconditioned(),
     "ours_curvatures": OURS_CURVATURES.preconditioned(),
-    "ours_shifts": replace(OURS_CURVATURES, shifts=ShiftRule(ACTIVATION)).preconditioned(),
+    "ours_shifts": OURS_SHIFTS,
+    "ours_early": OURS_SHIFTS.growing(EARLY),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(
         pruning=PruningRule(),

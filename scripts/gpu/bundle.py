@@ -24,7 +24,7 @@ from .steps import DEMO, DEMO_SIZE, ROOT
 from .unpack import MANIFEST
 
 PYTHON = "3.12"
-LIMIT = 52 * 2**20  # bytes; the repository takes 9 MiB, its docs/pictures 12 more, which nothing here needs
+LIMIT = 52 * 2**20  # bytes; the repository takes 10 MiB, its docs/pictures 13 more, which nothing here needs
 VARIANTS = ("scalar_rgb", "llvm_ad_rgb", "llvm_ad_mono", "cuda_ad_rgb")  # that the tests use
 # gsplat's own, and what it imports but for PyTorch, which the machine has or has not
 ALSO = ("gsplat", "jaxtyping", "wadler-lindig", "rich", "markdown-it-py", "mdurl")

@@ -225,7 +225,7 @@ def test_argparse_stops_at_the_command_line():
         (["--log-every", "0"], ["--log-every", "at least 1"]),
         (["--test-every", "-1"], ["--test-every", "at least 0"]),
         (["--initial-primitives", "0"], ["--initial-primitives", "at least 1"]),
-        (["--preset", "best"], ["--preset", "best", "ours_shifts or paper or released or 3dgs"]),
+        (["--preset", "best"], ["--preset", "best", "ours_early or paper or released or 3dgs"]),
         (["--format", "obj"], ["--format", "obj", "ply or spz or sog"]),
         (["--target", "0"], ["--target", "ratio", "whole number"]),
         (["--target", "2.5"], ["--target", "2.5"]),

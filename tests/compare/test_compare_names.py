@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 from mi_dogsplat.compare.methods import GROUPS, METHODS
-from mi_dogsplat.compare.names import ABLATION, ALL, EQUAL, PUBLISHED, RIVALS, chosen
+from mi_dogsplat.compare.names import ABLATION, ALL, EQUAL, PUBLISHED, RIVALS, SHORTER, chosen
 
 
 def test_the_command_line_offers_all_methods_in_order_and_sets_of_them():
     assert list(METHODS) == list(ALL) and len(set(ALL)) == len(ALL)
     assert sorted(METHODS) == sorted(name for members in GROUPS.values() for name in members)
-    assert set(METHODS) == {*PUBLISHED, *EQUAL, *ABLATION}
+    assert set(METHODS) == {*PUBLISHED, *EQUAL, *ABLATION, *SHORTER}
     assert chosen(["ours", "ablation", "3dgs"]) == [name for name in ALL if name in ABLATION]
     assert chosen(["equal", "published"]) == [name for name in ALL if name in {*EQUAL, *PUBLISHED}]
     with pytest.raises(ValueError, match="best"):

@@ -134,7 +134,7 @@ def test_the_nearest_run_is_that_of_the_nearest_ratio_and_nothing_is_interpolate
 def test_only_what_keeps_all_primitives_is_said_to_have_them():
     rows = {name: row(name, [30.0]) for name in METHODS}
     by_size, _ = tables_of_equals(rows, "0.1")
-    assert [line[0] for line in by_size["rows"] if line[1] == "all primitives"] == ["3dgs", "3dgs_equal"]
+    assert [line[0] for line in by_size["rows"] if line[1] == "all primitives"] == ["3dgs", "3dgs_equal", "3dgs_early"]
 
 
 def test_more_targets_are_below_the_cap_and_others_than_the_target(tmp_path, monkeypatch, capsys):

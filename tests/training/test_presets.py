@@ -8,6 +8,7 @@ import pytest
 from mi_dogsplat.scores.score import ScoreRule
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.presets import GIVEN, RECIPES, Recipe
 from mi_dogsplat.training.strategy.cut_activation import CutRule
 from mi_dogsplat.training.strategy.densify import Densification
@@ -23,7 +24,8 @@ PRUNING = [name for name, recipe in RECIPES.items() if recipe.pruning]
 
 
 def test_the_presets_are_those_of_the_interface_and_of_its_extensions_and_the_default_is_ours():
-    assert list(RECIPES) == [*EXTENSIONS, "paper", "released", "3dgs"]
+    assert list(RECIPES) == [*EXTENSIONS, "ours_early", "paper", "released", "3dgs"]
+    assert RECIPES["ours_early"] == RECIPES["ours_shifts"].growing(0.35)
     assert TrainConfig("data").preset == "ours"
 
 
@@ -34,13 +36,13 @@ def test_the_baseline_neither_prunes_nor_knows_dog():
 def test_slopes_come_with_dog_and_are_all_that_is_added_to_ours():
     ours, sloped = RECIPES["ours"], RECIPES["ours_slopes"]
     assert ours.dog and sloped == dataclasses.replace(ours, slopes=SlopeRule(start=ours.dog.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == EXTENSIONS[1:]
+    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == [*EXTENSIONS[1:], "ours_early"]
 
 
 def test_cuts_come_with_slopes_and_are_all_that_is_added_to_them():
     sloped, cut = RECIPES["ours_slopes"], RECIPES["ours_cuts"]
     assert sloped.slopes and cut == dataclasses.replace(sloped, cuts=CutRule(start=sloped.slopes.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == EXTENSIONS[2:]
+    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == [*EXTENSIONS[2:], "ours_early"]
     for recipe in (cut.scaled(7000), cut.from_pruning(), cut.from_pruning().scaled(350)):
         assert recipe.slopes and recipe.cuts and recipe.dog
         assert recipe.slopes.start == recipe.cuts.start == recipe.dog.start
@@ -50,7 +52,7 @@ def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_
     cut, preconditioned = RECIPES["ours_cuts"], RECIPES["ours_preconditioned"]
     rule = preconditioned.preconditioning
     assert rule and dataclasses.replace(cut, preconditioning=rule) == preconditioned
-    assert [name for name, recipe in RECIPES.items() if recipe.preconditioning] == EXTENSIONS[3:]
+    assert [name for name, recipe in RECIPES.items() if recipe.preconditioning] == [*EXTENSIONS[3:], "ours_early"]
     for recipe in (preconditioned, preconditioned.scaled(7000), preconditioned.from_pruning()):
         assert recipe.preconditioning and recipe.dog
         after = recipe.preconditioning.start - (recipe.first_step + recipe.dog.start)
@@ -60,7 +62,7 @@ def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_
 def test_second_cuts_come_with_cuts_and_are_all_that_is_added_to_preconditioned_steps():
     preconditioned, twice = RECIPES["ours_preconditioned"], RECIPES["ours_second_cuts"]
     assert preconditioned.cuts and twice == dataclasses.replace(preconditioned, second_cuts=preconditioned.cuts)
-    assert [name for name, recipe in RECIPES.items() if recipe.second_cuts] == EXTENSIONS[4:]
+    assert [name for name, recipe in RECIPES.items() if recipe.second_cuts] == [*EXTENSIONS[4:], "ours_early"]
     for recipe in (twice.scaled(7000), twice.from_pruning(), twice.from_pruning().scaled(350)):
         assert recipe.cuts and recipe.second_cuts == recipe.cuts
 
@@ -68,7 +70,7 @@ def test_second_cuts_come_with_cuts_and_are_all_that_is_added_to_preconditioned_
 def test_curvatures_come_with_slopes_and_are_all_that_is_added_to_second_cuts():
     twice, curved = RECIPES["ours_second_cuts"], RECIPES["ours_curvatures"]
     assert twice.slopes and curved == dataclasses.replace(twice, curvatures=twice.slopes)
-    assert [name for name, recipe in RECIPES.items() if recipe.curvatures] == EXTENSIONS[5:]
+    assert [name for name, recipe in RECIPES.items() if recipe.curvatures] == [*EXTENSIONS[5:], "ours_early"]
     for recipe in (curved.scaled(7000), curved.from_pruning(), curved.from_pruning().scaled(350)):
         assert recipe.slopes and recipe.curvatures == recipe.slopes
 
@@ -76,7 +78,7 @@ def test_curvatures_come_with_slopes_and_are_all_that_is_added_to_second_cuts():
 def test_shifts_come_with_slopes_and_are_all_that_is_added_to_curvatures():
     curved, shifted = RECIPES["ours_curvatures"], RECIPES["ours_shifts"]
     assert curved.slopes and shifted == dataclasses.replace(curved, shifts=ShiftRule(curved.slopes.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.shifts] == EXTENSIONS[6:]
+    assert [name for name, recipe in RECIPES.items() if recipe.shifts] == [*EXTENSIONS[6:], "ours_early"]
     for recipe in (shifted.scaled(7000), shifted.from_pruning(), shifted.from_pruning().scaled(350)):
         assert recipe.slopes and recipe.shifts and recipe.shifts.start == recipe.slopes.start
 
@@ -93,7 +95,8 @@ def test_rows_are_given_in_their_order_and_each_kind_is_looked_at_in_the_end():
 def test_any_recipe_can_have_preconditioned_steps_once_it_has_pruned_and_given_rows(name):
     recipe = RECIPES[name].preconditioned()
     rule, begins = recipe.preconditioning, [r.start for r in (recipe.dog, *recipe.row_rules.values()) if r]
-    assert rule and rule.start >= 500 + max([18_000, *begins, recipe.pruning.stop if recipe.pruning else 0])
+    grown = recipe.densification.stop
+    assert rule and rule.start >= 500 + max([3000 + grown, *begins, recipe.pruning.stop if recipe.pruning else 0])
     assert recipe.preconditioned() == recipe
     assert dataclasses.replace(recipe, preconditioning=RECIPES[name].preconditioning) == RECIPES[name]
 
@@ -104,7 +107,7 @@ def test_what_ply_alone_holds_is_named():
     assert given == {
         "ours_slopes": "slopes", "ours_cuts": both, "ours_preconditioned": both, "ours_second_cuts": twice,
         "ours_curvatures": "slopes, curvatures, cuts and second cuts",
-        "ours_shifts": "slopes, curvatures, cuts, second cuts and shifts",
+        **dict.fromkeys(["ours_shifts", "ours_early"], "slopes, curvatures, cuts, second cuts and shifts"),
     }  # fmt: skip
 
 
@@ -155,6 +158,47 @@ def test_for_a_model_the_recipe_begins_with_the_first_check_and_the_rates_of_tha
     assert rest.dog.start == whole.dog.start - start
     rule = rest.scaled(7000).densification
     assert not any(rule.refines(s) or rule.resets_opacity(s) or s < rule.stop for s in range(7001))
+
+
+@pytest.mark.parametrize("name", RECIPES)
+@pytest.mark.parametrize("share", [0.05, 0.2833, 0.6])
+def test_a_shorter_growth_brings_all_that_follows_forward_and_refinement_gets_the_rest(name, share):
+    usual, recipe = RECIPES[name], RECIPES[name].growing(share, gain=3.0)
+    earlier = usual.densification.stop - recipe.densification.stop
+    assert recipe.densification.stop == round(share * usual.reference_steps)
+    later = ("pruning", "preconditioning", "dog", *GIVEN)
+    for rule in later:
+        before, after = getattr(usual, rule), getattr(recipe, rule)
+        moved = {name: getattr(before, name) - earlier for name in ("start", "stop") if hasattr(before, name)}
+        assert after == (before and dataclasses.replace(before, **moved))
+    kept = {rule: getattr(usual, rule) for rule in (*later, "densification", "refinement")}
+    assert dataclasses.replace(recipe, **kept) == usual and recipe.reference_steps > recipe.last_milestone
+
+
+@pytest.mark.parametrize("name", ["ours", "ours_early", "3dgs"])
+def test_step_sizes_of_a_shorter_growth_are_larger_and_those_behind_it_are_as_usual(name):
+    usual, recipe = RECIPES[name], RECIPES[name].growing(0.4, gain=3.0)
+
+    def rates(recipe: Recipe, step: int) -> dict[str, float]:
+        return LearningRates(1.0, 10**15, refinement=recipe.refinement).at(step)
+
+    threshold = recipe.densification.gradient_threshold / usual.densification.gradient_threshold
+    assert threshold == pytest.approx(math.sqrt(3))  # larger steps, larger gradients
+    plain = rates(Recipe(), 0)
+    assert rates(recipe, 11_999) == pytest.approx({name: 3 * rate for name, rate in plain.items()})
+    begun = rates(usual, usual.refinement.start) if usual.refinement else plain
+    assert rates(recipe, 12_000) == pytest.approx(begun)
+
+
+def test_a_growth_that_leaves_no_step_to_grow_or_to_refine_is_refused():
+    with pytest.raises(ValueError, match="a share of 0.01 leaves no step to grow"):
+        RECIPES["ours"].growing(0.01)
+    with pytest.raises(ValueError, match="a share of 0.9 leaves no step after the last milestone"):
+        RECIPES["ours"].growing(0.9)
+    with pytest.raises(DataError, match="--growth: is for a training from the first step on"):
+        TrainConfig("data", model="model.ply", growth=0.3)
+    with pytest.raises(DataError, match="--growth: 0.7 is out of range"):
+        TrainConfig("data", growth=0.7)
 
 
 def test_a_recipe_that_does_not_prune_has_no_rest_and_one_without_score_cannot_prune():

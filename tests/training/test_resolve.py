@@ -1,5 +1,7 @@
 """What the settings make of a recipe."""
 
+import dataclasses
+
 import pytest
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.training.config import TrainConfig
@@ -28,3 +30,12 @@ def test_a_preset_that_has_them_keeps_its_own(name):
     recipe = RECIPES[name]
     ours = [recipe_of_run(TrainConfig("data", preconditioned=p), recipe).preconditioning for p in (False, True)]
     assert ours[0] == ours[1] == recipe.preconditioning
+
+
+def test_a_shorter_growth_goes_with_each_preset_and_with_preconditioned_steps():
+    config = TrainConfig("data", preset="ours", steps=3000, growth=0.4, preconditioned=True, format="sog")
+    found, usual = recipe_of_run(config, None), recipe_of_run(dataclasses.replace(config, growth=None), None)
+    assert found.pruning and usual.pruning and found.preconditioning and usual.preconditioning and found.refinement
+    assert (usual.densification.stop, usual.pruning.start) == (1500, 1500)
+    assert (found.densification.stop, found.pruning.start, found.refinement.start) == (1200, 1200, 1200)
+    assert usual.preconditioning.start - found.preconditioning.start == 300

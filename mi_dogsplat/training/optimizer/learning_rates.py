@@ -31,15 +31,20 @@ class Refinement:
     means_gain: float  # of the positions, all along
     few: int | None = None  # primitives, up to which that holds, and above which it falls; None: it never does
     sh_gain: float = 1.0  # of SH above degree 0 where views are many
+    growth_gain: float = 1.0  # of all, before the start
 
     def scaled(self, factor: float) -> Refinement:
         """The rule of a run ``factor`` times as long."""
         return replace(self, start=scaled_milestone(self.start, factor))
 
+    def earlier(self, steps: int) -> Refinement:
+        """The rule with a start that many steps earlier."""
+        return replace(self, start=max(0, self.start - steps))
+
     def factor(self, name: str, step: int, total_steps: int, views: int, n: int) -> float:
         """On the step size of a parameter, with that many training views and ``n`` primitives."""
         if step < self.start:
-            return 1.0
+            return self.growth_gain
         if name == "means":
             return self.means_gain if self.few is None else self.means_gain * min(math.sqrt(self.few / n), 1.0)
         progress = min((step - self.start) / max(total_steps - self.start, 1), 1.0)

@@ -64,6 +64,10 @@ class Preconditioning:
         """The rule of a run ``factor`` times as long."""
         return replace(self, start=scaled_milestone(self.start, factor))
 
+    def earlier(self, steps: int) -> Preconditioning:
+        """The rule with a start that many steps earlier."""
+        return replace(self, start=max(0, self.start - steps))
+
 
 def n_products(groups: Collection[RowGroup]) -> int:
     """Entries of S for each primitive of a model with rows of these groups."""

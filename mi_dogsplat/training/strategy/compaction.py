@@ -70,14 +70,14 @@ class Compaction(Strategy[Compacted]):
         if self._settles(t, state):
             state.settled = True
             reason = "the rest of the run refines"
-            return self._divide(t, splats, size, self.size, reason, t.training_l1()) if size > self.size else []
+            return self._divide(t, splats, size, self.size, reason) if size > self.size else []
         scheduler = PruningScheduler(self.rule, state)
         if size <= self.size and not state.begun:
             state.finished = True
             return [NotPruned(f"the file has {size} bytes, the target is {self.size}")]
         if not state.begun:
             scheduler.begin(size, self.size)
-        measured = t.training_l1()
+        measured = t.training_l1() if self.rule.compares else None
         decision = scheduler.decide(t.step_count, size, measured)
         if not decision.prune:
             return [Refined(decision.reason, measured)]
@@ -94,13 +94,20 @@ class Compaction(Strategy[Compacted]):
         size = self.kind.size(splats)
         if size <= self.size:
             return []
-        return self._divide(t, splats, size, self.size, "the file has its size", t.training_l1(), ended=True)
+        return self._divide(t, splats, size, self.size, "the file has its size", ended=True)
 
     def _settles(self, t: Training, state: Compacted) -> bool:
         return state.finished and not state.settled and 2 * t.step_count >= t.steps + self.rule.stop
 
     def _divide(
-        self, t: Training, splats: Splats, size: int, budget: int, reason: str, l1: float, ended: bool = False
+        self,
+        t: Training,
+        splats: Splats,
+        size: int,
+        budget: int,
+        reason: str,
+        l1: float | None = None,
+        ended: bool = False,
     ) -> list[Event]:
         """Give the model what gains most within ``budget``; ``size`` are the bytes of its file as it is."""
         options = Options.of(t, splats)

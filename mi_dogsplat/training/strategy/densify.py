@@ -85,8 +85,11 @@ class Densification(Strategy[DensifyStats]):
         return self.start <= step < self.stop and step % self.every == 0
 
     def resets_opacity(self, step: int) -> bool:
-        """Whether to reset opacities after ``step`` steps."""
-        return 0 < step < self.stop and step % self.reset_every == 0
+        """Whether to reset opacities after ``step`` steps: not in the last half of an interval before growth ends.
+
+        Else what comes then, as pruning, would meet opacities that have not come back.
+        """
+        return 0 < step <= self.stop - self.reset_every / 2 and step % self.reset_every == 0
 
     def removes_large(self, step: int) -> bool:
         """Whether size is a reason to remove: only after the first opacity reset, with shapes settled."""

@@ -51,6 +51,10 @@ class DogRule:
         """The rule of a run ``factor`` times as long."""
         return replace(self, start=scaled_milestone(self.start, factor))
 
+    def earlier(self, steps: int) -> DogRule:
+        """The rule with a start that many steps earlier."""
+        return replace(self, start=max(0, self.start - steps))
+
 
 def activate(rule: DogRule, optimizer: SplatOptimizer) -> int:
     """Make every primitive DoG, and return how many there are; those that already are stay as they are."""

@@ -56,7 +56,7 @@ class Pruning(Strategy[Progress]):
             except ValueError as error:
                 state.finished = True
                 return [NotPruned(str(error))]
-        measured = t.training_l1()
+        measured = t.training_l1() if self.rule.compares else None
         decision = scheduler.decide(t.step_count, n, measured)
         if not decision.prune:
             return [Refined(decision.reason, measured)]

@@ -5,6 +5,8 @@ Numbers in, a decision out; no tensors. Two rules:
 Refinement Interval Regulation (RIR), *when*. At every check the mean L1 over the whole training set is compared with
 that just before the previous prune. Where refinement has brought it down to ``beta`` of that, the model can bear the
 next prune; else it is refined on. The first check always prunes, and ``max_interval`` steps without a prune force one.
+Where that is no longer than from check to check, every check prunes, and nobody asks for the L1, which takes a picture
+of every view.
 
 Dynamic Pruning Ratio Adjustment (DPRA), *how many*. Of ``N_0 - N_target`` primitives round t removes the part 1/2^t:
 much while there is redundancy, little near the target. These parts never add up to all of it, so the target is met,
@@ -63,6 +65,11 @@ class PruningRule:
         if self.rounds is not None and self.rounds < 1:
             raise ValueError(f'PruningRule: "rounds" is {self.rounds}, expected at least 1')
 
+    @property
+    def compares(self) -> bool:
+        """Whether a decision depends on the L1: else every check prunes."""
+        return self.max_interval > self.check_every
+
     def scaled(self, factor: float) -> PruningRule:
         """The rule for a run ``factor`` times as long. The longest interval stays a whole number of checks.
 
@@ -74,6 +81,10 @@ class PruningRule:
             every = max(1, stop - start)
         checks = min(math.ceil(self.max_interval / self.check_every), max(1, round(self.max_interval * factor / every)))
         return replace(self, start=start, stop=stop, check_every=every, max_interval=checks * every)
+
+    def earlier(self, steps: int) -> PruningRule:
+        """The rule with a window that many steps earlier."""
+        return replace(self, start=self.start - steps, stop=self.stop - steps)
 
 
 @dataclass(frozen=True)
@@ -122,39 +133,43 @@ class PruningScheduler:
         p = self.progress
         return not p.finished and step >= (min(p.next_check, self.rule.stop) if p.begun else self.rule.start)
 
-    def decide(self, step: int, n: int, l1: float) -> Decision:
+    def decide(self, step: int, n: int, l1: float | None) -> Decision:
         """Prune or refine.
 
         Args:
             step: steps done; ``ValueError`` unless ``checks(step)``.
             n: primitives there are now.
-            l1: mean L1 over all training views, as ``Trainer.training_l1`` has it.
+            l1: mean L1 over all training views, as ``Trainer.training_l1`` has it; None where the rule does not
+                compare, else ``ValueError``.
         """
+        rule, p = self.rule, self.progress
         if not self.checks(step):
             raise ValueError(f"PruningScheduler.decide: step {step} is no check")
-        rule, p = self.rule, self.progress
+        if l1 is None and rule.compares:
+            raise ValueError("PruningScheduler.decide: the rule compares, but there is no L1")
         due = step - (step - rule.start) % rule.check_every  # when this check ought to have been
         p.next_check = due + rule.check_every
         if n <= p.n_target:
             p.finished = True
             return Decision(False, n, f"{n} primitives are left, the target is {p.n_target}")
 
-        closing, waited = step >= rule.stop, due - p.previous_step
-        recovered = l1 <= rule.beta * p.previous_l1
-        comparison = f"L1 {l1:.4g} {'<=' if recovered else '>'} {rule.beta:g} x {p.previous_l1:.4g}"
+        closing, reason = step >= rule.stop, "every check prunes"
         if closing:
             reason = "the window closes"
         elif p.round == 0:
             reason = "first check"
-        elif recovered:
-            reason = comparison
-        elif waited >= rule.max_interval:
-            reason = f"forced by {waited} steps since the last prune, {comparison}"
-        else:
-            return Decision(False, n, comparison)
+        elif l1 is not None:
+            waited, recovered = due - p.previous_step, l1 <= rule.beta * p.previous_l1
+            reason = f"L1 {l1:.4g} {'<=' if recovered else '>'} {rule.beta:g} x {p.previous_l1:.4g}"
+            if not recovered and waited < rule.max_interval:
+                return Decision(False, n, reason)
+            if not recovered:
+                reason = f"forced by {waited} steps since the last prune, {reason}"
 
         p.round += 1
-        p.previous_l1, p.previous_step = l1, due
+        p.previous_step = due
+        if l1 is not None:
+            p.previous_l1 = l1
         keep = p.n_target if closing else self._keep(n)
         p.finished = keep == p.n_target
         if p.finished and not closing:

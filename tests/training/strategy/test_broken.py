@@ -174,7 +174,7 @@ def test_a_model_to_prune_loses_its_broken_primitives_before_it_is_measured(data
     splats = tiny_data.truth()
     splats.sh_coeffs[3, 0], splats.log_scales[8], splats.sh_coeffs[20, 2, 1] = 1e8, np.log(1e6), -1e8
     write_ply(tmp_path / "model.ply", splats)
-    config = config_of(data, preset="ours", model=str(tmp_path / "model.ply"), target=20, max_primitives=None)
+    config = config_of(data, preset="paper", model=str(tmp_path / "model.ply"), target=20, max_primitives=None)
     trainer = Trainer(config, load_dataset(data))
     rows = list(run_to_end(trainer))
     assert rows[0]["step"] == 0 and rows[0]["event"].startswith("dropped 3 broken primitives; prune 57 -> ")

@@ -219,6 +219,15 @@ def test_a_run_of_any_length_refines_often_enough_and_resets_rarely(steps):
     assert rule.stop == steps // 2
 
 
+@pytest.mark.parametrize("steps", [3100, 4020, 7001, 30_000])
+@pytest.mark.parametrize("stop", [8500, 9100, 15_000])
+def test_opacities_have_come_back_when_growth_ends(steps, stop):
+    rule = dataclasses.replace(RULE, stop=stop).scaled(steps / 30_000)
+    resets = [step for step in range(steps) if rule.resets_opacity(step)]
+    assert resets and rule.stop - resets[-1] >= 250  # they need about 200
+    assert rule.stop - resets[-1] < 1.5 * rule.reset_every + 1  # no other is left out
+
+
 # --- statistics ---
 
 

@@ -24,7 +24,11 @@ def scheduler_of(rule: PruningRule, n_start: int, n_target: int) -> PruningSched
 
 
 def run(
-    rule: PruningRule, n_start: int, n_target: int, l1: Callable[[int], float], steps: Iterable[int] = range(30_001)
+    rule: PruningRule,
+    n_start: int,
+    n_target: int,
+    l1: Callable[[int], float | None],
+    steps: Iterable[int] = range(30_001),
 ) -> list[tuple[int, int, Decision]]:
     """(step, primitives before, decision) of every check."""
     scheduler, n, checks = scheduler_of(rule, n_start, n_target), n_start, []
@@ -102,6 +106,16 @@ def test_a_check_that_was_missed_is_made_up_for_without_shifting_the_others():
 
 def test_a_schedule_that_starts_after_its_window_prunes_once_and_to_the_target():
     assert prunes(run(PAPER, 40_000, 4000, lambda _: STUCK, [26_000, 26_001])) == {26_000: (40_000, 4000)}
+
+
+def test_where_every_check_prunes_nobody_asks_for_the_error():
+    rule = PruningRule(stop=17_500, max_interval=500, rounds=5)
+    assert not rule.compares and not rule.scaled(7 / 30).compares and PAPER.compares
+    blind = run(rule, 40_000, 4000, lambda _: None)
+    assert prunes(blind) == prunes(run(rule, 40_000, 4000, lambda _: STUCK))
+    assert {decision.reason for _, _, decision in blind[1:-1]} == {"every check prunes"}
+    with pytest.raises(ValueError, match="the rule compares, but there is no L1"):
+        scheduler_of(PAPER, 100, 10).decide(15_000, 100, None)
 
 
 def test_a_decision_without_a_check_is_refused():

@@ -190,7 +190,7 @@ def test_a_checkpoint_of_an_earlier_version_is_refused_in_one_line(data, tmp_pat
 
 
 def test_the_history_keeps_text_and_columns_beside_the_records(data, tmp_path):
-    run.train(config_of(data, preset="ours", target=0.4), tmp_path)
+    run.train(config_of(data, preset="paper", target=0.4), tmp_path)
     rows = history_of(tmp_path)
     pruned = [(row, e) for row in rows for e in row.get("events", ()) if e["kind"] == "pruned"]
     kinds = {event["kind"] for row in rows for event in row.get("events", ())}
