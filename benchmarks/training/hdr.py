@@ -126,7 +126,8 @@ def main(flags: Sequence[str]) -> None:
         out = args.out / "".join(c if c.isalnum() else "_" for c in name)
         if not (out / "metrics.json").exists():
             settings = {"preset": args.preset, "steps": args.steps, "target": 0.3, "split": "validation"}
-            train(TrainConfig(str(folders[name != PNG]), **settings), out, recipe=_recipe(args.preset, name))
+            config, begun = TrainConfig(str(folders[name != PNG]), **settings), (out / "config.json").exists()
+            train(config, out, resume=begun, recipe=_recipe(args.preset, name))
         for text, file in _files(name, out) if args.files else [(name, out / "point_cloud.ply")]:
             rows[text], pictures[text] = _measured(file, truth)
             print(text, {key: round(value, 4) for key, value in rows[text].items()}, flush=True)

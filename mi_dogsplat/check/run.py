@@ -17,6 +17,7 @@ from ..render.viewpoint import viewpoint
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing, write_json
+from ..support.variants import require_arrays
 from ..support.versions import versions
 from ..support.wording import finite
 from . import PARTS, UNUSED, stability, work_precision
@@ -55,6 +56,7 @@ def check(
     ``work_precision`` (``work_precision.measure`` per scene), ``stability`` and ``training``. What is not a finite
     number is null. Needs a Mitsuba variant. Raises ``DataError`` before anything is written.
     """
+    require_arrays()
     out, parts = Path(out), parts or [part for part in PARTS if part != "training" or runs]
     _require_parts(parts, model, runs, width, rounds)
     _require_use(model, data, camera, options)

@@ -55,7 +55,7 @@ def add_picture_flags(parser: argparse.ArgumentParser, *others: str, without: Se
 def add_view_flags(parser: argparse.ArgumentParser) -> None:
     """From where a model is seen."""
     parser.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
-    parser.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
+    parser.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA, by name or image, or a camera JSON")
 
 
 def given_settings(kind: type[T], args: argparse.Namespace, **others: Any) -> T:

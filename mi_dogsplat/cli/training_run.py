@@ -17,11 +17,8 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     """Fill the run folder ``out`` while a bar shows how far it is, then print what came of it. Raises ``DataError``."""
     set_variant(config.variant)
     from ..report.run_folder import REPORT
-    from ..runs.resume import require_no_stopped_run
     from ..runs.run import train
 
-    if not resume:
-        require_no_stopped_run(out)
     _say_what_is_not_read(config)
     with shown_training(config.steps, config.split) as show:
         metrics = train(config, out, show, resume)

@@ -26,6 +26,7 @@ from ..support.pictures import write_exr, write_png, write_radiance
 from ..support.resumable import begin
 from ..support.scene_errors import scene_error
 from ..support.srgb import displayed, luminance
+from ..support.variants import require_arrays
 from ..support.wording import counted
 from .auto_exposure import white_of_lights
 from .camera_paths import Shot, circling_shots
@@ -34,8 +35,8 @@ from .dataset import TEST_EVERY
 from .given_cameras import auto_up, listed_shots, sensor_shots
 from .images import read_image
 from .point_ply import write_point_ply
-from .scene_file import framing_sphere, load_scene, warn_of_unseen_splats
-from .traced_view import as_srgb, depth_of, first_surfaces, render_shot
+from .scene_file import framing_sphere, load_scene, shows_splats, warn_of_unseen_splats
+from .traced_view import as_srgb, depth_of, first_seen, render_shot
 from .transforms import intrinsics_of
 
 SETTINGS = "capture.json"
@@ -56,6 +57,7 @@ class Plan:
     shots: list[Shot]
     tests: set[int]
     hidden_emitters: bool
+    splats: bool  # whether the pictures show some
     framing: str
 
 
@@ -74,9 +76,8 @@ def capture(
     """
     import mitsuba as mi
 
+    require_arrays()
     scene_path, out = Path(scene_path), Path(out)
-    if "scalar" in (mi.variant() or ""):
-        raise DataError(scene_path, f"{mi.variant()} renders no arrays", 'call mi.set_variant("llvm_ad_rgb") first')
     plan = _plan(scene_path, config)
     begin(out / SETTINGS, _settings(scene_path, config), "capture", FREE, BEFORE)
     with locked(out, "another capture is writing to it"):
@@ -112,7 +113,8 @@ def _plan(scene_path: Path, config: CaptureConfig) -> Plan:
         extent = float(np.linalg.norm(np.array(box.max, np.float64) - np.array(box.min, np.float64)))
         shots = listed_shots(Path(config.path), extent if 0 < extent < math.inf else 1.0, config.downscale)
         framing = f"cameras of {config.path}"
-    return Plan(scene_path, config, scene, shots, _tests(config, len(shots)), hidden, framing)
+    tests, splats = _tests(config, len(shots)), shows_splats(scene_path)
+    return Plan(scene_path, config, scene, shots, tests, hidden, splats, framing)
 
 
 def _circling(scene_path: Path, scene: Any, config: CaptureConfig) -> tuple[list[Shot], str]:
@@ -179,7 +181,7 @@ def _capture_view(mi: Any, plan: Plan, i: int, out: Path) -> None:
     except RuntimeError as error:
         raise scene_error(plan.file, error, f"Mitsuba cannot render view {shot.name}") from error
     if config.depth != "none":
-        depth = depth_of(shot, *first_surfaces(mi, plan.scene, shot, plan.hidden_emitters))  # [H, W]
+        depth = depth_of(shot, *first_seen(mi, plan.scene, shot, plan.hidden_emitters, plan.splats))  # [H, W]
         path = out / _depth_name(shot, config)
         if config.depth == "exr":
             write_exr(path, {"depth": depth})
@@ -206,7 +208,7 @@ def _write_points(mi: Any, plan: Plan, out: Path) -> None:
     points, colors = [], []
     for i in train:
         shot = plan.shots[i]
-        positions, found = first_surfaces(mi, plan.scene, shot, plan.hidden_emitters)  # [H, W, 3], [H, W]
+        positions, found = first_seen(mi, plan.scene, shot, plan.hidden_emitters, plan.splats)  # [H, W, 3], [H, W]
         pixels = np.argwhere(found)  # [P, 2] row, column
         pixels = np.random.default_rng([config.seed, i]).permutation(pixels)[:most]
         image = read_image(out / _image_name(shot, config))  # [H, W, 3 or 4] premultiplied
@@ -215,7 +217,7 @@ def _write_points(mi: Any, plan: Plan, out: Path) -> None:
         colors.append(shown[:, :3] / np.maximum(shown[:, 3:], 1e-3) if config.alpha else shown)
     all_points, all_colors = np.concatenate(points), np.concatenate(colors)
     if not len(all_points):
-        raise DataError(plan.file, "no camera sees a surface", "check where the cameras stand, or use --points 0")
+        raise DataError(plan.file, "no camera sees anything opaque", "check where the cameras stand, or use --points 0")
     kept = np.random.default_rng(config.seed).permutation(len(all_points))[: config.points]
     if config.hdr:
         all_colors = displayed(all_colors, white_of_lights(luminance(all_colors)))

@@ -53,7 +53,7 @@ class CaptureConfig:
     hdr: Annotated[bool, Setting(HDR)] = False
     depth: Annotated[str, Setting(DEPTH, "FORMAT", choices=DEPTHS)] = "none"
     points: Annotated[
-        int, Setting("initial points on the surfaces, as many as the cameras see; 0: none", least=0)
+        int, Setting("initial points on surfaces and dense splats that the cameras see; 0: none", least=0)
     ] = 20_000
 
     def __post_init__(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -164,6 +164,16 @@ def view_name(file: str) -> str:
     if len(parts) > 1 and re.fullmatch(r"images(_\d+)?", parts[0]):
         parts = parts[1:]
     return "_".join(parts)
+
+
+def view_meant(told: str, names: Container[str], folder: Path | None = None) -> str | None:
+    """The one of the view ``names`` that somebody tells by itself, or by its image file: with or without its ending,
+    as it was named before structure from motion took it over, or by its path, where that leads into ``folder``."""
+    plain = view_name(told)
+    spelt = [told, plain, re.sub(r"^#|\s", "_", plain)]
+    if folder is not None and (path := Path(os.path.abspath(told))).is_relative_to(top := os.path.abspath(folder)):
+        spelt.append(view_name(str(path.relative_to(top))))
+    return next((name for name in spelt if name in names), None)
 
 
 def counted_order(name: str) -> tuple[list[str | int], str]:

@@ -3,6 +3,7 @@
 - **EXIF orientation is ignored.** Structure from motion calibrates the stored pixel grid, so turning the
   image would break its camera. Pillow turns TIFFs by itself: that is undone.
 - **OpenEXR** holds linear radiance (``exr.py``).
+- **Colours become sRGB** where an ICC profile says that they are others (``color_profiles.py``).
 - 16-bit grey PNG keeps its depth; 16-bit colour PNG is read with 8 bits, which is what Pillow offers.
 """
 
@@ -18,6 +19,7 @@ from PIL.TiffImagePlugin import IMAGELENGTH, IMAGEWIDTH, TiffImageFile
 
 from ..support.errors import DataError
 from .claimed_size import require_photograph
+from .color_profiles import as_srgb
 from .exr import exr_header, is_exr, read_exr
 
 EXIF_ORIENTATION = 274
@@ -108,9 +110,8 @@ def read_image(path: Path) -> np.ndarray:
                     raise ValueError("whole numbers beyond 16 bits have no display range")
                 return np.repeat((levels.astype(np.float32) / 65535)[..., None], 3, axis=2)
             alpha = "A" in image.getbands() or "transparency" in image.info
-            pixels = (
-                np.asarray(image.convert("RGBA" if alpha else "RGB"), dtype=np.float32) / 255
-            )  # [H, W, 3 or 4]
+            colors = as_srgb(image.convert("RGBA" if alpha else "RGB"), opened.info.get("icc_profile"))
+            pixels = np.asarray(colors, dtype=np.float32) / 255  # [H, W, 3 or 4]
     except UNREADABLE as error:
         raise _corrupt(path, error) from error
     if pixels.shape[2] == 4:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..support.errors import DataError
-from .dataset import Dataset, View, view_name
+from .dataset import Dataset, View, view_meant, view_name
 
 MARK = r"(.+?):(-?\d+(?:\.\d+)?),(-?\d+(?:\.\d+)?)(?:\+(?=.)|$)"  # up to the next one: names may have a + too
 NEAR = 1.5  # degrees from a mark: there lie the points that tell its depth
@@ -90,9 +90,8 @@ def _place(told: str, standpoints: Mapping[str, Standpoint]) -> np.ndarray:
 
 
 def _named(name: str, standpoints: Mapping[str, Standpoint]) -> Standpoint | None:
-    plain = view_name(name)
-    spelt = (name, plain, re.sub(r"^#|\s", "_", plain))  # the last as structure from motion has taken it over
-    return next((standpoints[word] for word in spelt if word in standpoints), None)
+    meant = view_meant(name, standpoints)
+    return standpoints[meant] if meant is not None else None
 
 
 def _no_image(name: str, standpoints: Mapping[str, Standpoint]) -> DataError:

@@ -10,6 +10,7 @@ import numpy as np
 from ..support.errors import DataError
 from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.threads import threads_to_load
+from ..support.variants import require_variant
 from ..support.wording import counted
 
 SPLATTING = {"dogsplat", "dogpath"}  # integrators that draw ``dog`` shapes
@@ -55,6 +56,13 @@ def has_splats(path: Path) -> bool:
     return bool(_splats_and_integrators(path)[0])
 
 
+def shows_splats(path: Path) -> bool:
+    """Whether a scene has ``dog`` shapes and an integrator that draws them; it is read, not loaded. Raises
+    ``DataError``."""
+    n_splats, integrators = _splats_and_integrators(path)
+    return n_splats > 0 and bool(integrators & SPLATTING)
+
+
 def warn_of_unseen_splats(path: Path) -> None:
     """Warn of ``dog`` shapes in a scene whose integrator does not know splats and leaves them out without a word.
 
@@ -86,9 +94,7 @@ def _splats_and_integrators(path: Path) -> tuple[int, set[str]]:
 def _parser_config(path: Path) -> Any:
     import mitsuba as mi
 
-    variant = mi.variant()
-    if variant is None:
-        raise DataError(path, "no Mitsuba variant is set", 'call mi.set_variant("llvm_ad_rgb") first')
+    variant = require_variant()
     if not path.is_file():
         raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
     as_mitsuba_reads(path)

@@ -1,4 +1,4 @@
-"""One view of a Mitsuba scene: its picture by the scene's own integrator, and the surfaces that its pixels see."""
+"""One view of a Mitsuba scene: its picture by the scene's own integrator, and where the things are that it shows."""
 
 from __future__ import annotations
 
@@ -64,8 +64,38 @@ def as_srgb(linear: np.ndarray) -> np.ndarray:
     return np.concatenate([straight, np.clip(coverage, 0, 1)], axis=-1)
 
 
-def first_surfaces(mi: Any, scene: Any, shot: Shot, through_emitters: bool) -> tuple[np.ndarray, np.ndarray]:
+def first_seen(
+    mi: Any, scene: Any, shot: Shot, through_emitters: bool, splats: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """What the centres of the pixels see: (points float64 [H, W, 3] in the world, whether there is one [H, W]).
+
+    Of surfaces the first; ``splats``: or where splats before it leave half of the light.
+    """
+    points, found = first_surfaces(mi, scene, shot, through_emitters)
+    if not splats:
+        return points, found
+    depth, camera = median_depth(mi, scene, shot), shot.camera  # [H, W]
+    row, column = np.indices(depth.shape) + 0.5
+    x, y = (column - camera.cx) / camera.fx * depth, (row - camera.cy) / camera.fy * depth
+    places = np.stack([x, y, depth], axis=-1) @ camera.c2w[:3, :3].T + camera.c2w[:3, 3]  # [H, W, 3]
+    before = (depth > 0) & (~found | (depth < depth_of(shot, points, found)))
+    return np.where(before[..., None], places, points), found | before
+
+
+def median_depth(mi: Any, scene: Any, shot: Shot) -> np.ndarray:
+    """Depth float64 [H, W] of the splats of a scene along the view axis; 0 where they let more than half through."""
+    integrator = mi.load_dict({"type": "dogsplat", "aovs": "median_depth", "near_clip": shot.near_clip})
+    sensor = mi.load_dict(sensor_of(mi, shot, False))
+    with interruptible():
+        mi.render(scene, sensor=sensor, integrator=integrator, spp=1)
+    bitmap = sensor.film().bitmap()
+    names = [field.name for field in bitmap.struct_()]
+    planes = np.array(bitmap).reshape(shot.camera.height, shot.camera.width, -1)  # [H, W, channels]
+    return planes[..., names.index("median_depth.Z")].astype(np.float64)
+
+
+def first_surfaces(mi: Any, scene: Any, shot: Shot, through_emitters: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The surfaces that the centres of the pixels see: (points float64 [H, W, 3], whether there is one [H, W]).
 
     Rays pass what is rather transparent there (masks, null boundaries of media), and lamps where those are hidden.
     """
@@ -95,6 +125,6 @@ def first_surfaces(mi: Any, scene: Any, shot: Shot, through_emitters: bool) -> t
 
 
 def depth_of(shot: Shot, points: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Depth float32 [H, W] along the view axis, in world units; 0 where no surface is seen."""
+    """Depth float32 [H, W] along the view axis, in world units; 0 where nothing is found."""
     depth = points @ shot.camera.w2c[2, :3] + shot.camera.w2c[2, 3]  # [H, W]
     return np.where(found, depth, 0).astype(np.float32)

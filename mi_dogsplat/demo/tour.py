@@ -9,7 +9,8 @@ from ..cli.progress import Bar
 from ..cli.training_run import shown_training
 from ..datasets.capture import capture
 from ..datasets.capture_config import CaptureConfig
-from ..report.run_folder import MODEL, REPORT
+from ..report.run_folder import METRICS, MODEL, REPORT
+from ..runs.checkpoint import CHECKPOINT
 from ..runs.run import train
 from ..support.errors import DataError
 from ..support.wording import counted
@@ -51,7 +52,7 @@ def tour(out: Path, steps: int, target: int, views: int, size: int, picture: Pat
         capture(scene, data, orbit, lambda done, n, framing: bar.show(done, n))
     print(f"2/3  training {counted(steps, 'step')}, pruning to {counted(target, 'primitive')}")
     with shown_training(steps) as show:
-        metrics = train(config, run, show)
+        metrics = train(config, run, show, resume=(run / CHECKPOINT).is_file() and not (run / METRICS).is_file())
     print(metrics_line(metrics["test"]))
     megabytes = f"{metrics['bytes'] / 1e6:.1f} MB"
     print(f"{counted(metrics['n'], 'primitive')}, {metrics['n_dog']:,} of them DoG, {megabytes}")

@@ -25,6 +25,7 @@ from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError
 from ..support.pictures import write_png
+from ..support.variants import require_arrays
 from .clean_config import CleanConfig
 from .regions import in_box, in_sphere, largest_parts
 from .views import evidence, seen, within_masks
@@ -68,6 +69,8 @@ def clean_model(
 
     Pictures need a Mitsuba variant. Raises ``DataError``.
     """
+    if data or preview:
+        require_arrays()
     model, out = Path(model), Path(out)
     if config.needs_data and not data:
         raise DataError(config.needs_data, "needs the views of a training", "add --data DATA")

@@ -31,6 +31,7 @@ from ..scene.whole import whole
 from ..scores.weights import weights
 from ..support.errors import DataError
 from ..support.srgb import displayed
+from ..support.variants import require_arrays
 from ..support.wording import counted
 from ..training.fit import GAINS, Look, fit
 from ..training.strategy.dog_control import DogRule
@@ -76,6 +77,7 @@ def simplify_model(
 
     Needs a Mitsuba variant. Raises ``DataError``.
     """
+    require_arrays()
     model, out = Path(model), Path(out)
     chosen = format_to_write(out)
     if config.dog and not chosen.dog:

@@ -23,6 +23,7 @@ from ..report.run_folder import MODEL
 from ..scene.drawing import drawn_as
 from ..scene.transform import transformed
 from ..support.errors import DataError
+from ..support.variants import require_arrays
 from ..support.wording import counted
 from .export_config import SMALL_GRIDS, ExportConfig
 from .losses import Loss, losses, views_of
@@ -80,6 +81,8 @@ def export_model(
     left_out = [*(f"{model.name}: {line}" for line in read.left_out), *taken_out(stages, chosen)]
     plain, seconds = list(stages.values())[-1], None
     steps = _steps(config, plain is not read.splats)
+    if steps != 0 or config.views:
+        require_arrays()
     grids = SMALL_GRIDS[chosen.name] if config.small else None
     dataset = load_dataset(data, options.shrink) if data and (steps != 0 or config.views) else None
     steps = steps_for(dataset) if steps is None else steps

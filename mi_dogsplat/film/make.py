@@ -16,6 +16,7 @@ from ..render.picture_options import PictureOptions
 from ..runs.stopping import Stopped, StopRequest
 from ..support.errors import DataError, writing
 from ..support.settings import refuse
+from ..support.variants import require_arrays
 from ..support.wording import counted
 from .camera_path import DEFAULT_SIZE, CameraPath
 from .data_path import cameras_path
@@ -60,6 +61,7 @@ def make_film(
     Needs a Mitsuba variant. A film that is stopped (Ctrl-C, SIGTERM) leaves no file; of numbered pictures the whole
     ones stay, and the same call goes on after them. Raises ``DataError``; ``Stopped`` when asked to stop.
     """
+    require_arrays()
     model, out = Path(model), Path(out)
     pictures = None if out.suffix.lower() == SUFFIX else NumberedPictures(out)
     if out.is_dir() and pictures is None:

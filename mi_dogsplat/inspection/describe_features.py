@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..formats.read import read_model
 from ..support.scene_errors import scene_error
+from ..support.variants import require_arrays
 from .features import choices_of_a_render, model_features, scene_features, splat_scene
 from .info import kind_of
 from .training_features import dataset_features, run_features
@@ -18,6 +19,7 @@ LEGEND = (
 
 def describe_features(path: str | Path) -> list[str]:
     """Lines about what is at ``path``. Needs a Mitsuba variant. Raises ``DataError``, as ``info.describe`` does."""
+    require_arrays()
     path = Path(path)
     kind = kind_of(path)
     if kind == "model":

@@ -18,6 +18,7 @@ from ..scene.row_groups import BESIDE_DOG
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..scene.whole import whole
+from ..support.variants import require_variant
 from ..support.wording import counted, in_words
 from .given_model import model_of
 from .properties import matrix_of
@@ -54,6 +55,7 @@ def to_ellipsoids(
     Raises ``ValueError`` for a transform that flattens, an extent that is not positive, and a model of which
     nothing is left (Mitsuba divides by the number of ellipsoids); ``DataError`` for a file that is no model.
     """
+    require_variant()
     if not extent > 0:
         raise ValueError(f"to_ellipsoids: extent is {extent}, it must be positive")
     model = model_of(model, "to_ellipsoids")

@@ -105,13 +105,16 @@ def _upright(image: Image.Image, source: Path, turn: Image.Transpose | None) -> 
     if image.mode[0] in "IF":  # 16-bit grey; floating-point pixels are refused there, which Pillow would make black
         image = Image.fromarray(np.rint(read_image(source) * 255).astype(np.uint8))
     upright = image if turn is None else image.transpose(turn)
-    return upright.convert("RGBA" if "A" in upright.getbands() or "transparency" in upright.info else "RGB")
+    made = upright.convert("RGBA" if "A" in upright.getbands() or "transparency" in upright.info else "RGB")
+    if upright.mode not in ("RGB", "RGBA", "P"):
+        made.info.pop("icc_profile", None)  # of other channels than the file is to have
+    return made
 
 
 def _write(image: Image.Image, target: Path, kind: str) -> None:
     with replacing(target) as part:
         if kind == "JPEG":
-            image.save(part, "JPEG", **QUALITY)
+            image.save(part, "JPEG", **QUALITY, icc_profile=image.info.get("icc_profile"))
         else:
             image.save(part, "PNG")
 

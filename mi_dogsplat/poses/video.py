@@ -14,7 +14,7 @@ import numpy as np
 
 from ..support.errors import DataError
 from ..support.wording import counted
-from .video_colors import srgb_of
+from .video_colors import require_colors, srgb_of
 
 FORMATS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,asf,flv,ogg"
 OPTIONS = {"protocol_whitelist": "file", "format_whitelist": FORMATS}
@@ -30,8 +30,8 @@ def require_av() -> None:
 def read_frames(path: Path) -> Iterator[tuple[int, Any, float]]:
     """(index, ``av.VideoFrame``, its pixels' width over their height) of each frame that can be decoded.
 
-    They come in the order in which they are shown. Raises ``DataError`` for what is no video, and at the end if more
-    than a tenth of it was damaged.
+    They come in the order in which they are shown. Raises ``DataError`` for what is no video or has colours that cannot
+    be read, and at the end if more than a tenth of it was damaged.
     """
     import av
     from av.error import FFmpegError
@@ -48,6 +48,7 @@ def read_frames(path: Path) -> Iterator[tuple[int, Any, float]]:
                 if damaged > max(10, index):
                     break
                 for frame in frames or ():
+                    require_colors(path, frame, REMEDY)
                     yield index, frame, aspect
                     index += 1
     except FFmpegError as error:

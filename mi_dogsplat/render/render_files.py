@@ -20,6 +20,7 @@ from ..support.pictures import without_aovs, write_channels, write_exr, write_pn
 from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.srgb import linear_to_srgb
 from ..support.threads import threads_to_load
+from ..support.variants import require_arrays, require_variant
 from .picture import Picture, as_taken, picture_of, premultiplied
 from .picture_options import PictureOptions
 from .viewpoint import viewpoint
@@ -53,6 +54,7 @@ def render_model(
 
     Needs a Mitsuba variant. Raises ``DataError``.
     """
+    require_arrays()
     model, out = Path(model), Path(out)
     require_suffix(out)
     names = _aovs(out, aovs)
@@ -94,6 +96,7 @@ def render_scene(
         on_pass: called with the number of samples that each pixel has, and that of all, by integrators that splat.
         drawing: entered while Mitsuba loads and draws, and left before the picture is written.
     """
+    require_variant()
     path, out = Path(path), Path(out)
     require_suffix(out)
     if out.suffix.lower() == ".npz":

@@ -40,8 +40,8 @@ def viewpoint(
     Args:
         splats: the model.
         data: a data set.
-        camera: the name of one of its views, or a camera file (``camera_file.py``); None is the first test view of the
-            data, or without data a camera that frames the model.
+        camera: the name of one of its views or of its image (``view_meant``), or a camera file (``camera_file.py``);
+            None is the first test view of the data, or without data a camera that frames the model.
         options: ``downscale`` shrinks the picture; a ``near_clip`` of None is smaller where a small model is framed.
         drawing: what the file of the model says, for what the options do not say.
 
@@ -66,14 +66,16 @@ def _camera(
             raise DataError("--camera", f'"{camera}" is no .json file', remedy)
         return _downscaled(automatic_camera(splats, up_axis), downscale), False, None
     from ..datasets import load_dataset  # here: it needs the extra "train", a model alone does not
+    from ..datasets.dataset import view_meant
 
     dataset = load_dataset(data, downscale)
     views = {view.name: view for view in dataset.test + dataset.train}
-    name = str(camera) if camera else next(iter(views))
-    if name not in views:
-        near = difflib.get_close_matches(name, views, MAX_NAMES, cutoff=0.3) or list(views)[:MAX_NAMES]
+    told, folder = str(camera or next(iter(views))), Path(data)
+    name = view_meant(told, views, folder if folder.is_dir() else folder.parent)
+    if name is None:
+        near = difflib.get_close_matches(told, views, MAX_NAMES, cutoff=0.3) or list(views)[:MAX_NAMES]
         listed = ", ".join(near)
-        raise DataError("--camera", f'"{name}" is no view of {data}', f"it has {len(views)}, such as {listed}")
+        raise DataError("--camera", f'"{told}" is no view of {data}', f"it has {len(views)}, such as {listed}")
     return views[name].camera, dataset.has_alpha, name
 
 

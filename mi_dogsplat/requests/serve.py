@@ -18,16 +18,19 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..support.errors import DataError
 from ..support.files import parse_json, replacing
-from .answer import Answerer, Arrays
+from ..support.variants import require_arrays
 from .request import FORMAT, SOURCE, read_request
 from .view_request import read_view_request
-from .views import Views
+
+if TYPE_CHECKING:
+    from .answer import Answerer, Arrays
+    from .views import Views
 
 PREVIEW_SECONDS = 1.0  # at least, between two pictures that are not finished
 STOP = {"stop": True}  # a line that ends a picture for a viewport and asks for nothing
@@ -66,6 +69,10 @@ def serve(lines: Iterable[str], tell: Callable[[dict[str, Any]], None]) -> None:
 
     Pictures for viewports are left when another line comes if ``lines`` is ``Lines``, which knows.
     """
+    require_arrays()
+    from .answer import Answerer  # here: they cannot be imported before a variant is set
+    from .views import Views
+
     answerer, views = Answerer(), Views()
     another = lines.another if isinstance(lines, Lines) else lambda: False
     for line in filter(str.strip, lines):

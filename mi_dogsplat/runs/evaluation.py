@@ -19,6 +19,7 @@ from ..scene.drawing import drawn_as
 from ..support.errors import DataError
 from ..support.files import remove_parts, write_json
 from ..support.locks import locked
+from ..support.variants import require_arrays
 from .run import prepare_folder
 
 
@@ -46,6 +47,7 @@ def evaluate_model(
 
     LPIPS is measured where its weights are installed. Needs a Mitsuba variant. Raises ``DataError``.
     """
+    require_arrays()
     read = read_model(model)
     dataset = load_dataset(data, options.shrink, on_disk=data_on_disk)
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing).beside(dataset.white)

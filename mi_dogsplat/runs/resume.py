@@ -11,18 +11,26 @@ from ..report.run_folder import CONFIG, HISTORY, METRICS, MISFITS, RECIPE, REFIN
 from ..scene.appearance import APPEARANCE
 from ..support.errors import DataError
 from ..support.files import replacing
+from ..support.locks import locked
 from ..training.config import FREE
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, load_checkpoint
 from .inputs import INPUTS, is_same_input, noted_inputs
 
+IN_USE = "another process is training in it"
+
 
 def require_no_stopped_run(out: Path) -> None:
-    """Raise ``DataError`` for the folder of a run that was stopped: beginning anew would lose what it has done."""
-    if (out / CHECKPOINT).is_file() and not (out / METRICS).is_file():
+    """Raise ``DataError`` for the folder of a run that was stopped: beginning anew would lose what it has done.
+
+    Says of one that goes on in another process that it does.
+    """
+    if not (out / CHECKPOINT).is_file() or (out / METRICS).is_file():
+        return
+    with locked(out, IN_USE):
         folder = CHECKPOINT.parent.as_posix()
         problem, other = "holds a training that was stopped", f"remove {folder}/ there, or name another folder"
-        raise DataError(out, problem, f"add --resume to go on with it; to begin anew, {other}")
+        raise DataError(out, problem, f"add --resume (in Python resume=True) to go on with it; to begin anew, {other}")
 
 
 def resume_run(trainer: Trainer, out: Path) -> None:

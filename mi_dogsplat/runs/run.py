@@ -19,6 +19,7 @@ from ..report.run_folder import CONFIG, HISTORY, METRICS, POSED, RECIPE
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, write_json
 from ..support.locks import locked
+from ..support.variants import require_arrays
 from ..training.config import TrainConfig
 from ..training.initialize import model_to_prune
 from ..training.presets import Recipe
@@ -27,7 +28,7 @@ from .checkpoint import CHECKPOINT, Checkpoints
 from .finish import finish
 from .history import run_to_end
 from .inputs import PLACES, check_inputs, note_inputs
-from .resume import forget_results, restore_from, resume_run
+from .resume import IN_USE, forget_results, require_no_stopped_run, restore_from, resume_run
 from .stopping import Stopped, StopRequest, stopped_with
 
 MEASURING = "stopped after the last step, before all was measured; the same command with --resume measures it"
@@ -51,7 +52,7 @@ def prepare_folder(out: Path) -> None:
 def claimed(out: Path) -> Iterator[None]:
     """``prepare_folder``, which is ours alone then, without what killed processes left there. Raises ``DataError``."""
     prepare_folder(out)
-    with locked(out, "another process is training in it"), _writing(out):
+    with locked(out, IN_USE), _writing(out):
         remove_parts(out)
         yield
 
@@ -91,12 +92,15 @@ def train(
         start: checkpoint to go on from.
         method: what ``recipe.json`` is to hold, of a method in a comparison.
 
-    The model leaves out primitives that can never be seen. An earlier run in the same folder is replaced: its
-    measurements go first, as they would be a lie beside the new settings; its model stays until the new one is
-    complete. Raises ``DataError``; ``Stopped`` when asked to stop in training or after it (Ctrl-C, SIGTERM), which
-    leaves a checkpoint.
+    The model leaves out primitives that can never be seen. An earlier run in the same folder that came to its end is
+    replaced: its measurements go first, as they would be a lie beside the new settings; its model stays until the new
+    one is complete. Raises ``DataError``, also for one that was stopped unless it is to go on; ``Stopped`` when asked
+    to stop in training or after it (Ctrl-C, SIGTERM), which leaves a checkpoint.
     """
+    require_arrays(config.variant)
     out = Path(out)
+    if not resume:
+        require_no_stopped_run(out)
     check_world(config.up, config.scale, config.unit)
     check_inputs(config, out)
     # what is wrong with a model shows before the data set takes its time

@@ -14,6 +14,7 @@ from .llvm import explain, find_llvm
 from .threads import fit_threads
 
 UNSUPPORTED = ("scalar", "spectral", "polarized")
+SET_ONE = 'call mi_dogsplat.support.variants.set_variant("auto") first, or mi.set_variant("llvm_ad_rgb")'
 
 
 def supported(variant: str) -> bool:
@@ -21,9 +22,26 @@ def supported(variant: str) -> bool:
     return not any(word in variant for word in UNSUPPORTED)
 
 
+def require_variant() -> str:
+    """The active variant. Raises ``DataError`` if none is set: Mitsuba's own error suggests one of scalars."""
+    variant = mi.variant()
+    if variant is None:
+        raise DataError("Mitsuba", "no variant is set", SET_ONE)
+    return variant
+
+
+def require_arrays(wanted: str = "auto") -> None:
+    """Raise ``DataError`` unless a variant is set that computes with arrays, and that is ``wanted`` (``auto``: any)."""
+    variant = require_variant()
+    if "scalar" in variant:
+        raise DataError("Mitsuba", f"the variant {variant} computes no arrays", SET_ONE)
+    if wanted not in ("auto", variant):
+        raise DataError("--variant", f"{wanted} is asked for, and {variant} is set", f'call mi.set_variant("{wanted}")')
+
+
 def require_supported(name: str) -> None:
-    """Raise ``RuntimeError`` for ``name`` unless the plugins run in the active variant."""
-    if not supported(variant := str(mi.variant())):
+    """Raise ``DataError`` unless a variant is set, and ``RuntimeError`` for ``name`` if no plugins run in it."""
+    if not supported(variant := require_variant()):
         raise _unavailable(name, variant)
 
 

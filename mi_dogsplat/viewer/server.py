@@ -30,6 +30,7 @@ from ..scene.kinds import kinds_of
 from ..scene.orientation import up_of_cameras
 from ..scene.splats import Splats
 from ..support.errors import DataError, interruptible
+from ..support.variants import require_arrays
 from ..support.wording import counted
 from .renderer import Renderer
 from .source import Source
@@ -240,6 +241,7 @@ def serve(
 
     Needs a Mitsuba variant, which belongs to the calling thread. Raises ``DataError``.
     """
+    require_arrays()
     if not 0 < port < 65536:
         raise DataError("--port", f"{port} is no port", "use 1 to 65535")
     source = Source(Path(model))

@@ -60,4 +60,5 @@ def main() -> None:
     print(f"FRAMES {count} in {seconds:.2f} s: {60 * count / seconds:.1f} frames per minute")
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -84,4 +84,5 @@ def where(mask: np.ndarray, picture: np.ndarray) -> np.ndarray:
     return np.where(mask[..., None], picture, BACKGROUND)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -33,9 +33,10 @@ def test_the_demo_ends_with_a_compact_model_beside_the_truth(tmp_path: Path, cap
 
 
 def test_the_bar_of_the_training_has_ended_before_the_model_is_measured(tmp_path: Path, capsys, monkeypatch):
-    told = []
+    told, goes_on = [], []
 
-    def train(config, out, progress):
+    def train(config, out, progress, resume):
+        goes_on.append(resume)
         progress({"step": 300, "n": 7, "l1": 0.1})
         progress({"step": 300, "n": 7, "measured": 1})
         told.extend(capsys.readouterr())
@@ -46,6 +47,10 @@ def test_the_bar_of_the_training_has_ended_before_the_model_is_measured(tmp_path
     assert main(["-o", str(tmp_path), "--steps", "300", "--variant", "llvm_ad_rgb"]) == 2
     assert told[0].splitlines()[-1] == "all steps are done; measuring 1 test view, writing the report"
     assert "300/300" in told[1] and "300/300" not in capsys.readouterr().err
+    (tmp_path / "run" / "checkpoint").mkdir(parents=True)
+    (tmp_path / "run" / "checkpoint" / "state.npz").touch()
+    assert main(["-o", str(tmp_path), "--variant", "llvm_ad_rgb"]) == 2
+    assert goes_on == [False, True]  # what was stopped is not begun anew
 
 
 @pytest.mark.parametrize("flag", ["--steps", "--target"])

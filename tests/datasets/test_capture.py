@@ -206,14 +206,6 @@ def test_a_particle_tracer_renders_a_scene_too_but_its_alpha_is_no_coverage(tmp_
     assert "view 000 has no coverage as alpha" in error_of(scene, tmp_path / "alpha", tiny(alpha=True))
 
 
-def test_a_scene_of_splats_is_a_scene_too_but_has_no_surfaces(tmp_path):
-    scene = DEMO.with_name("still_life.xml")
-    assert "--points 0" in error_of(scene, tmp_path / "out", tiny(spp=1))
-    dataset = load_dataset(capture(scene, tmp_path / "out", tiny(spp=1, points=0)))
-    assert len(dataset.points) == 0 and dataset.train[0].image.std() > 0.05
-    assert "ply_file_path" not in json.loads((tmp_path / "out" / "transforms.json").read_text())
-
-
 def test_training_starts_from_the_points_and_uses_alpha(balls, tmp_path):
     data = capture(balls, tmp_path / "out", tiny(alpha=True))
     trainer = Trainer(TrainConfig(str(data), steps=2, sh_degree=0), load_dataset(data))

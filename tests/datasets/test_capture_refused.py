@@ -43,7 +43,7 @@ def test_a_scene_that_cannot_be_captured_is_named_and_leaves_nothing(tmp_path, c
 
 def test_a_variant_without_a_compiler_is_refused_in_words(balls, tmp_path):
     mi.set_variant("scalar_rgb")
-    assert "scalar_rgb renders no arrays" in error_of(balls, tmp_path / "out", tiny())
+    assert "scalar_rgb computes no arrays" in error_of(balls, tmp_path / "out", tiny())
 
 
 @pytest.mark.parametrize("integrator", ["path", "dogpath"])

@@ -5,6 +5,8 @@ import sys
 
 import numpy as np
 import pytest
+from icc_profiles import DISPLAY_P3, SRGB_CURVE, profile, srgb_of
+from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.poses.exif import read_exif
 from mi_dogsplat.poses.photographs import prepare, prepare_masks
 from mi_dogsplat.support.errors import DataError
@@ -49,6 +51,27 @@ def test_pixels_are_turned_once_as_the_tag_says(tmp_path, orientation, suffix):
         assert image.getexif().get(ORIENTATION, 1) == 1
         np.testing.assert_array_equal(np.asarray(image), SHOWN[orientation](pixels()))
         assert image.size == (photograph.width, photograph.height)
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+@pytest.mark.parametrize("suffix", ["jpg", "png"])
+def test_colours_stay_those_of_the_profile_also_where_pixels_are_turned(tmp_path, orientation, suffix):
+    file, icc = tmp_path / "in" / f"a.{suffix}", profile(DISPLAY_P3, SRGB_CURVE)
+    file.parent.mkdir()
+    Image.fromarray(np.full((8, 8, 3), (204, 77, 51), np.uint8)).save(file, exif=tags(orientation), icc_profile=icc)
+    photograph = prepared(tmp_path / "in", tmp_path / "out")[0]
+    shown = 255 * read_image(tmp_path / "out" / photograph.name)[4, 4]
+    expected = 255 * srgb_of(np.array([204, 77, 51]) / 255, DISPLAY_P3, SRGB_CURVE)
+    np.testing.assert_allclose(shown, expected, atol=2.5)
+
+
+def test_the_profile_of_other_channels_is_not_that_of_the_file_made_of_them(tmp_path):
+    (tmp_path / "in").mkdir()
+    grey = Image.fromarray(np.full((8, 8), 77, np.uint8))
+    grey.save(tmp_path / "in" / "a.tif", icc_profile=b"of grey levels")
+    prepared(tmp_path / "in", tmp_path / "out")
+    with Image.open(tmp_path / "out" / "a.png") as image:
+        assert image.mode == "RGB" and "icc_profile" not in image.info
 
 
 def test_what_every_tool_reads_is_copied_to_the_byte_and_the_rest_becomes_png(tmp_path):

@@ -6,16 +6,19 @@ import av
 import numpy as np
 import pytest
 from av.video.reformatter import Colorspace
-from mi_dogsplat.poses.video import upright_rgb
+from mi_dogsplat.poses.video import read_frames, upright_rgb
+from mi_dogsplat.support.errors import DataError
 from numpy.typing import NDArray
 
 PATCHES = np.array(
     [[200, 40, 40], [40, 180, 60], [50, 60, 210], [220, 200, 40], [255, 255, 255], [90, 90, 90]], np.uint8
 )
-PRIMARIES = {  # xy of red, green and blue; both have the white of D65
+PRIMARIES = {  # xy of red, green and blue; all have the white of D65
     "srgb": [(0.64, 0.33), (0.30, 0.60), (0.15, 0.06)],
     "bt2020": [(0.708, 0.292), (0.170, 0.797), (0.131, 0.046)],
+    "p3": [(0.680, 0.320), (0.265, 0.690), (0.150, 0.060)],
 }
+NUMBERS = {"srgb": 1, "bt2020": 9, "p3": 12}  # of ITU-T H.273
 
 
 def xyz_from(name: str) -> NDArray[np.float64]:
@@ -30,11 +33,21 @@ def pq(nits: NDArray[np.float64]) -> NDArray[np.float64]:
     return ((0.8359375 + 18.8515625 * y) / (1 + 18.6875 * y)) ** 78.84375
 
 
-def hlg(nits: NDArray[np.float64]) -> NDArray[np.float64]:
-    luminance = nits @ xyz_from("bt2020")[1]
+def hlg(nits: NDArray[np.float64], primaries: str) -> NDArray[np.float64]:
+    luminance = nits @ xyz_from(primaries)[1]
     scene = nits / 1000 * (luminance[:, None] / 1000) ** (1 / 1.2 - 1)
     a, b, c = 0.17883277, 0.28466892, 0.55991073
     return np.where(scene <= 1 / 12, np.sqrt(3 * scene), a * np.log(np.maximum(12 * scene - b, 1e-9)) + c)
+
+
+def linear(levels: NDArray[Any]) -> NDArray[np.float64]:
+    v = levels / 255
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+def with_primaries(name: str) -> NDArray[np.float64]:
+    """The patches as linear colours with these primaries."""
+    return np.linalg.solve(xyz_from(name), xyz_from("srgb") @ linear(PATCHES).T).T
 
 
 def columns(colors: NDArray[Any], height: int, width: int) -> NDArray[Any]:
@@ -48,16 +61,38 @@ def seen(frame: av.VideoFrame) -> NDArray[np.int64]:
     return picture[frame.height // 2, step // 2 :: step].astype(int)
 
 
-@pytest.mark.parametrize(("curve", "encoded"), [(16, pq), (18, hlg)], ids=["PQ", "HLG"])
-def test_hdr_of_a_phone_comes_out_in_the_colours_of_a_photograph(curve, encoded):
-    v = PATCHES / 255
-    linear = np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
-    wide = np.linalg.solve(xyz_from("bt2020"), xyz_from("srgb") @ linear.T).T
-    signal = np.rint(65535 * encoded(203 * wide)).astype(np.uint16)
+@pytest.mark.parametrize("primaries", ["bt2020", "p3"])
+@pytest.mark.parametrize("curve", [16, 18], ids=["PQ", "HLG"])
+def test_hdr_of_a_phone_comes_out_in_the_colours_of_a_photograph(curve, primaries):
+    nits = 203 * with_primaries(primaries)
+    signal = np.rint(65535 * (pq(nits) if curve == 16 else hlg(nits, primaries))).astype(np.uint16)
     frame = av.VideoFrame.from_ndarray(columns(signal, 64, 96), format="rgb48le")
     frame = frame.reformat(format="yuv420p10le", dst_colorspace=int(Colorspace.BT2020))
-    frame.colorspace, frame.color_primaries, frame.color_trc = 9, 9, curve
+    frame.colorspace, frame.color_primaries, frame.color_trc = 9, NUMBERS[primaries], curve
     np.testing.assert_allclose(seen(frame), PATCHES, atol=4)
+
+
+@pytest.mark.parametrize("primaries", ["srgb", "bt2020", "p3"])
+def test_colours_of_a_wide_gamut_become_those_of_srgb(primaries):
+    light = np.clip(with_primaries(primaries), 0, 1)
+    levels = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055) * 255
+    frame = av.VideoFrame.from_ndarray(columns(np.rint(levels).astype(np.uint8), 64, 96), format="rgb24")
+    frame = frame.reformat(format="yuv444p", dst_colorspace=int(Colorspace.ITU709))
+    frame.colorspace, frame.color_primaries, frame.color_trc = 1, NUMBERS[primaries], 1
+    np.testing.assert_allclose(seen(frame), PATCHES, atol=5)
+
+
+@pytest.mark.parametrize(("matrix", "name"), [(8, "YCgCo"), (12, "the matrix 12 of ITU-T H.273")])
+def test_a_matrix_that_ffmpeg_does_not_convert_is_one_line(tmp_path, matrix, name):
+    video = tmp_path / "walk.mkv"
+    with av.open(str(video), "w") as container:
+        stream = container.add_stream("ffv1", 1, options={"strict": "-2"})
+        stream.width, stream.height, stream.pix_fmt = 32, 24, "yuv444p"
+        stream.codec_context.colorspace = matrix
+        for frame in (av.VideoFrame(32, 24, "yuv444p"), None):
+            container.mux(stream.encode(frame))
+    with pytest.raises(DataError, match=f"walk.mkv: its colours are coded by {name}, which is not read; export it"):
+        next(read_frames(video))
 
 
 @pytest.mark.parametrize(

@@ -172,6 +172,18 @@ def test_the_background_of_a_png_is_chosen_and_white_for_data_with_alpha(model, 
     assert read_png(tmp_path / "v.png")[0, 0].max() == 0
 
 
+def test_a_view_is_told_by_its_image_too(model, data, tmp_path, monkeypatch):
+    render(model, tmp_path / "name.exr", data=data, camera="3")
+    monkeypatch.chdir(data)
+    for k, told in enumerate(("3.png", "3.JPG", "images/3.png", str(data / "images" / "3.png"))):
+        render(model, tmp_path / f"{k}.exr", data=data, camera=told)
+        assert (tmp_path / f"{k}.exr").read_bytes() == (tmp_path / "name.exr").read_bytes()
+    monkeypatch.chdir(data.parent)
+    for given, told in ((data.name, "images/3.png"), (f"{data.name}/transforms.json", f"{data.name}/images/3.png")):
+        render(model, tmp_path / "from_above.exr", data=given, camera=told)
+        assert (tmp_path / "from_above.exr").read_bytes() == (tmp_path / "name.exr").read_bytes()
+
+
 def test_an_unknown_view_is_answered_with_close_names(model, data, tmp_path):
     with pytest.raises(DataError, match='"33" is no view of .* it has 8, such as 3$'):
         render(model, tmp_path / "v.png", data=data, camera="33")

@@ -60,6 +60,8 @@ def test_a_run_stopped_at_several_steps_and_resumed_has_the_bits_of_one_that_was
         # a row that came after the checkpoint, and half a row: what a kill leaves
         with open(tmp_path / "history.jsonl", "ab") as history:
             history.write(b'{"step": 59, "seconds": 1, "n": 1, "n_dog": 0}\n{"step": 4, "event": "\xce')
+    with pytest.raises(DataError, match="holds a training that was stopped; add --resume .in Python resume=True. to"):
+        run.train(config, tmp_path)
     run.train(config, tmp_path, resume=True)
 
     rows = history_of(tmp_path)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,9 +10,11 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat.runs.run import train
 from mi_dogsplat.support import variants
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.llvm import find_llvm
+from mi_dogsplat.training.config import TrainConfig
 
 from benchmarks.processors.targets import can_build, library
 
@@ -123,6 +126,77 @@ except RuntimeError as error:
     answer(problem=str(error))
 ''')
     assert f"{name}: not available in the variant {variant}; use llvm_ad_rgb or cuda_ad_rgb" in got["problem"]
+
+
+def test_what_computes_says_that_no_variant_is_set_and_that_a_scalar_one_is():
+    """Before they look at what they are given, which is not there; but a model says whether its export computes, and
+    only a scene needs a variant to be described."""
+    got = run("""
+import os, tempfile
+from mi_dogsplat.check.run import check
+from mi_dogsplat.datasets.capture import capture
+from mi_dogsplat.datasets.capture_config import CaptureConfig
+from mi_dogsplat.editing.clean import clean_model
+from mi_dogsplat.editing.simplify import simplify_model
+from mi_dogsplat.export.write import export_model
+from mi_dogsplat.film.make import make_film
+from mi_dogsplat.inspection.describe_features import describe_features
+from mi_dogsplat.inspection.info import describe
+from mi_dogsplat.render.render_files import render_model, render_scene
+from mi_dogsplat.requests import serve
+from mi_dogsplat.runs.evaluation import evaluate_model
+from mi_dogsplat.runs.run import train
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.viewer.server import serve as view
+
+model, scene = os.path.abspath("scenes/still_life.ply"), os.path.abspath("scenes/still_life.xml")
+os.chdir(tempfile.mkdtemp())
+arrays = {
+    "train": lambda: train(TrainConfig("photos"), "run"),
+    "render_model": lambda: render_model("model.ply", "view.png"),
+    "evaluate_model": lambda: evaluate_model("model.ply", "photos"),
+    "capture": lambda: capture("scene.xml", "captured", CaptureConfig()),
+    "make_film": lambda: make_film("model.ply", "film.mp4"),
+    "simplify_model": lambda: simplify_model("model.ply", "fewer.ply"),
+    "clean_model": lambda: clean_model("model.ply", "clean.ply", data="photos"),
+    "export_model": lambda: export_model(model, "small.spz"),
+    "view": lambda: view("model.ply"),
+    "serve": lambda: serve.serve([], print),
+    "check": lambda: check("checked"),
+    "describe_features": lambda: describe_features("model.ply"),
+}
+scenes = {
+    "render_scene": lambda: render_scene("scene.xml", "scene.png"),
+    "describe": lambda: describe(scene),
+    "to_dog": lambda: mi_dogsplat.to_dog("model.ply"),
+    "to_ellipsoids": lambda: mi_dogsplat.to_ellipsoids("model.ply"),
+}
+
+def said(call):
+    try:
+        call()
+    except ValueError as error:
+        return str(error)
+    except Exception as error:
+        return repr(error)
+
+without = {name: said(call) for name, call in (arrays | scenes).items()}
+mi.set_variant("scalar_rgb")
+answer(without=without, scalar={name: said(call) for name, call in arrays.items()}, left=os.listdir())
+""")
+    remedy = 'call mi_dogsplat.support.variants.set_variant("auto") first, or mi.set_variant("llvm_ad_rgb")'
+    assert got["without"] == dict.fromkeys(got["without"], f"Mitsuba: no variant is set; {remedy}")
+    problem = f"Mitsuba: the variant scalar_rgb computes no arrays; {remedy}"
+    assert got["scalar"] == dict.fromkeys(got["scalar"], problem)
+    assert got["left"] == []
+
+
+def test_a_training_in_another_variant_than_its_settings_name_is_refused(tmp_path):
+    """Whoever asks for a GPU shall not wait for a CPU."""
+    line = f'--variant: cuda_ad_mono is asked for, and {mi.variant()} is set; call mi.set_variant("cuda_ad_mono")'
+    with pytest.raises(DataError, match=re.escape(line)):
+        train(TrainConfig("photos", variant="cuda_ad_mono"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_processor_that_dr_jit_cannot_compile_for_is_one_line(monkeypatch):

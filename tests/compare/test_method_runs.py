@@ -1,0 +1,28 @@
+"""What a comparison does with the run folder of a method that is there already."""
+
+from pathlib import Path
+
+import pytest
+from mi_dogsplat.compare import method_runs
+from mi_dogsplat.runs.checkpoint import CHECKPOINT
+from mi_dogsplat.runs.resume import require_no_stopped_run
+from mi_dogsplat.support.files import write_json
+from mi_dogsplat.training.config import TrainConfig
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_a_run_that_was_cut_off_goes_on_and_one_of_another_recipe_begins_anew(tmp_path, monkeypatch, same):
+    (tmp_path / CHECKPOINT).parent.mkdir()
+    (tmp_path / CHECKPOINT).touch()
+    recipe = method_runs.recipe_of(method_runs.METHODS["3dgs"])
+    write_json(tmp_path / method_runs.RECIPE, recipe if same else recipe | {"label": "an earlier one"})
+    goes_on = []
+
+    def train(config: TrainConfig, out: Path, resume: bool, **others: object) -> None:
+        goes_on.append(resume)
+        if not resume:
+            require_no_stopped_run(out)  # as training does
+
+    monkeypatch.setattr(method_runs, "train", train)
+    method_runs.train_method(TrainConfig("photos"), "3dgs", tmp_path, tmp_path / "start")
+    assert goes_on == [same] and (tmp_path / CHECKPOINT).exists() == same
