@@ -13,7 +13,9 @@ BLENDER := .venv-blender
 demo: $(FOR_DEMO) llvm
 	$(PY) -m mi_dogsplat.demo
 
-# pytest comes last, so that its closing line is the last one.
+# pytest comes last, so that its closing line is the last one. Bytecode is kept, whatever the environment says: each
+# process that tests start would compile the package anew.
+test: export PYTHONDONTWRITEBYTECODE =
 test:
 	@$(MAKE) --no-print-directory -j 2 lint blender-or-not
 	$(PY) -m pytest -q -n auto --dist loadfile --no-loadscope-reorder

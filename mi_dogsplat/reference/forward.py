@@ -79,6 +79,8 @@ def kernels(projection: Projection, i: int, x: np.ndarray, y: np.ndarray) -> tup
 
 def colors_at(projection: Projection, i: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The colour of primitive i at P points (x, y), [P, 3]."""
+    if not (projection.sloped[i] or projection.curved[i]):
+        return np.broadcast_to(projection.colors[i], (len(x), 3))
     offsets = np.stack([x, y], axis=1) - projection.means2d[i]
     brighter = np.einsum("pi,ij,pj->p", offsets, projection.curvatures[i], offsets) / 2
     return projection.colors[i] + offsets @ projection.slopes[i].T + brighter[:, None]

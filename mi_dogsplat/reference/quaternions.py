@@ -9,8 +9,8 @@ def rotations(quats: np.ndarray) -> np.ndarray:
     """Rotation matrices [N, 3, 3] of quaternions [N, 4] (x, y, z, w) of any length; 0 gives the identity."""
     length = np.linalg.norm(quats, axis=1, keepdims=True)
     unit = np.where(length > 0, quats / np.where(length > 0, length, 1), [0, 0, 0, 1])
-    v, w = unit[:, :3], unit[:, 3, None, None]
-    cross = np.cross(v[:, None, :], np.eye(3)[None]).swapaxes(1, 2)  # [N, 3, 3], cross @ u = v x u
+    (x, y, z), w, zero = unit[:, :3].T, unit[:, 3, None, None], np.zeros(len(unit))
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)  # cross @ u = (x, y, z) x u
     return np.eye(3) + 2 * w * cross + 2 * cross @ cross
 
 

@@ -40,12 +40,21 @@ print(json.dumps(read))
 """
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """(folder with data and a run, poses that the run has refined, poses of its data), as the package writes and reads
+    them."""
+    folder = tmp_path_factory.mktemp("written")
+    return folder, *by_package(BY_PACKAGE, str(folder / "data"), str(folder / "runs/run/refined"), *map(str, SHIFT))
+
+
 @pytest.fixture
-def run(tmp_path):
-    """(run folder, poses that it has refined, poses of its data) by names of views, as the package writes and reads
-    them: the run is named relative to a folder that nobody knows any more."""
+def run(tmp_path, written):
+    """(run folder, poses that it has refined, poses of its data) by names of views: the run is named relative to a
+    folder that nobody knows any more."""
+    folder, *poses = written
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     folder = tmp_path / "runs" / "run"
-    poses = by_package(BY_PACKAGE, str(tmp_path / "data"), str(folder / "refined"), *map(str, SHIFT))
     (folder / "checkpoint").mkdir()
     (folder / "config.json").write_text(json.dumps({"data": "data", "refine_poses": True, "downscale": 2}))
     (folder / "checkpoint" / "inputs.json").write_text(json.dumps({"data": str(tmp_path / "data")}))

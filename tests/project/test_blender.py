@@ -81,10 +81,12 @@ def references(tmp_path_factory) -> Path:
     dog = rounded(random_splats(150, seed=3))
     reference(folder, "dog", dog, camera)
     reference(folder, "plain", dog.plain(), camera)
+    every = dog
     for kind in (*KINDS, SHIFTED):
-        some = kind.having(dog, every=3)
-        reference(folder, kind.word, some, camera)
-        write_model(folder / f"{kind.word}.compressed.ply", some)
+        reference(folder, kind.word, kind.having(dog, every=3), camera)
+        every = kind.having(every, every=3)
+    for name in ("every.ply", "every.compressed.ply"):
+        write_model(folder / name, every)
     for suffix in (".spz", ".glb", ".sog", ".splat", ".compressed.ply"):
         write_model(folder / f"plain{suffix}", Model(dog.plain(), Drawing(antialiased=True)))
     write_model(folder / "says.ply", Model(dog, Drawing(True, 0.05, False, "-y", 2.0)))

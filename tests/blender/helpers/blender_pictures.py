@@ -14,8 +14,13 @@ def picture(scene: bpy.types.Scene, engine: str, folder: Path) -> np.ndarray:
 
 
 def with_alpha(scene: bpy.types.Scene, engine: str, folder: Path) -> np.ndarray:
-    """[H, W, 4] of the same, premultiplied."""
+    """[H, W, 4] of the same, premultiplied.
+
+    EEVEE is given no lamps by the checks, and its shadows, which nobody sees then, take most of its time.
+    """
     scene.render.engine = engine
+    if engine == EEVEE:
+        scene.eevee.use_shadows = False
     settings = scene.render.image_settings
     settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGBA"
     scene.render.filepath = str(folder / "out.exr")

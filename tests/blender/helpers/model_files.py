@@ -3,13 +3,15 @@
 from types import SimpleNamespace
 
 import bpy
+from known_trees import bring_trees
 
 from blender_addon.files.model import Model
 from blender_addon.files.ply import read_ply
 
 
 def load(path, **options) -> bpy.types.Object:
-    """Import a model and return its object."""
+    """Import a model and return its object, with trees that need not be built for each check."""
+    bring_trees()
     assert bpy.ops.import_scene.dogsplat(filepath=str(path), **options) == {"FINISHED"}
     return bpy.context.object
 
