@@ -76,9 +76,10 @@ def train_method(config: TrainConfig, name: str, folder: Path, start: Path) -> N
     method = METHODS[name]
     config = replace(config, preset=name if name in RECIPES else "paper")  # the nearest; recipe.json has the numbers
     config = replace(config, steps=round(config.steps * method.length))
-    resume = (folder / CHECKPOINT).exists() and _recipe_in(folder) == recipe_of(method)
-    if not resume:
-        (folder / CHECKPOINT).unlink(missing_ok=True)  # of another recipe
+    stopped = (folder / CHECKPOINT).exists()
+    resume = stopped and _recipe_in(folder) == recipe_of(method)
+    if stopped and not resume:
+        (folder / CHECKPOINT).unlink()  # of another recipe
     begin = start if method.from_the_start else None
     train(config, folder, resume=resume, recipe=method.recipe, start=begin, method=recipe_of(method))
 

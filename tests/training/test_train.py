@@ -169,7 +169,7 @@ def test_every_view_is_shown_once_before_any_is_shown_again(data):
 
 
 def test_opacities_are_reset_and_the_history_tells(data):
-    trainer = Trainer(config_of(data, steps=90), load_dataset(data))
+    trainer = Trainer(config_of(data, steps=110), load_dataset(data))
     change_densification(trainer, reset_every=20, every=1000)
     rows = []
     for row in run_to_end(trainer):
