@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..scores.score import ScoreRule
-from ..training.presets import EARLY, RECIPES, Recipe
+from ..training.presets import EARLY_SHARE, GROWTH_GAIN, RECIPES, Recipe
 from ..training.strategy.scheduler import PruningRule
 from .equal import EQUAL_RECIPES, OURS_PUBLISHED
 from .names import ALL, OURS, SUFFIX
@@ -63,7 +63,8 @@ STEPS = 30_000  # of the schedule that all share
 OPACITY = ScoreRule("opacity")
 EQUAL = PruningRule(division="equal", rounds=5)
 PAPER = "Wang et al. 2026"
-EARLY_STEPS = "a growth of its own, over 35 % of the steps, which are twice as large"
+EARLY_STEPS = f"a growth of its own: {100 * EARLY_SHARE:.0f} % of the steps, {GROWTH_GAIN:g} times as large"
+EARLY_3DGS = EQUAL_RECIPES["3dgs"].growing(EARLY_SHARE)
 EQUAL_STEPS = "window and step sizes are ours"
 DENSIFIED = (
     "first refined at step 500, where the code does so at 600; a step that refines is one of Adam, too, which it is "
@@ -126,10 +127,7 @@ AS_PUBLISHED = {
     "ours_second_cuts": Method("ours, with second cuts", RECIPES["ours_second_cuts"], "this project: docs/cuts.md"),
     "ours_curvatures": Method("ours, with curvatures", RECIPES["ours_curvatures"], "this project: docs/curvatures.md"),
     "ours_shifts": Method("ours, with shifts", RECIPES["ours_shifts"], "this project: docs/shifts.md"),
-    "3dgs_early": Method(
-        *("3DGS, 100 %, our steps, early", EQUAL_RECIPES["3dgs"].growing(EARLY), "Kerbl et al. 2023", EARLY_STEPS),
-        whole=True,
-    ),
+    "3dgs_early": Method("3DGS, 100 %, our steps, early", EARLY_3DGS, "Kerbl et al. 2023", EARLY_STEPS, whole=True),
     "ours_early": Method("ours, early", RECIPES["ours_early"], "this project", EARLY_STEPS, whole=True),
 }
 

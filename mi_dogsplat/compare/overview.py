@@ -13,7 +13,7 @@ from markupsafe import Markup
 from ..report.plot import Series, line_plot
 from ..report.points import Note
 from ..report.run_folder import Run, read_run
-from .names import EARLY, OURS, SUFFIX, seed_order
+from .names import OURS, SUFFIX, seed_order
 
 ERRORS = {"test_psnr": "PSNR, dB", "test_flip": "FLIP"}
 START = "start"  # the run folder of the densified start
@@ -53,7 +53,7 @@ def overview(
         if drawn:
             start = [_way("the densified start", read_run(begun), column, "faint", 0)] if begun.is_dir() else []
             start = [_good_part(way, limit, more_is_better) for way in start]
-            furthest = [name for name in (*OURS, *EARLY) if name in drawn][-1:]
+            furthest = [name for name in (*OURS, "ours_early") if name in drawn][-1:]
             ends = [_end(way, words, name in (*NAMED, *furthest)) for name, way in drawn.items()]
             plots.append(line_plot([*start, *drawn.values(), *ends], "run time, min", words, legend=False, height=340))
     return (seed, plots) if plots else None

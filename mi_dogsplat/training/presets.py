@@ -39,7 +39,7 @@ from .strategy.slope_activation import (
 from .strategy.strategy import Strategy
 
 ACTIVATION = 18_000  # step at which primitives of ours become DoG and are given slopes, cuts and so on
-EARLY = 0.35  # share of the steps in which a model of "ours_early" grows
+EARLY_SHARE = 0.35  # share of the steps in which a model of "ours_early" grows
 GROWTH_GAIN = 2.0  # of the step sizes in a growth that is shorter than usual
 SETTLED = 500  # steps after which Adam knows the size of gradients that are new
 PRECONDITIONING = Preconditioning(start=ACTIVATION + SETTLED)
@@ -263,7 +263,7 @@ RECIPES = {
     "ours_second_cuts": OURS_SECOND_CUTS.preconditioned(),
     "ours_curvatures": OURS_CURVATURES.preconditioned(),
     "ours_shifts": OURS_SHIFTS,
-    "ours_early": OURS_SHIFTS.growing(EARLY),
+    "ours_early": OURS_SHIFTS.growing(EARLY_SHARE),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(
         pruning=PruningRule(),
