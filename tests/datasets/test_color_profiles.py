@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dataset_folders import colmap_folder
 from icc_profiles import ADOBE_CURVE, ADOBE_RGB, DISPLAY_P3, SRGB, SRGB_CURVE, black_of_cmyk, profile, srgb_of
+from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.support.errors import DataError
 from PIL import ExifTags, Image, ImageCms
@@ -108,3 +110,19 @@ def test_cmyk_becomes_srgb_by_its_profile_and_is_refused_without(tmp_path):
     image.save(tmp_path / "b.jpg")
     with pytest.raises(DataError, match="b.jpg.*its CMYK has no profile .*; save it as RGB"):
         read_image(tmp_path / "b.jpg")
+
+
+@pytest.mark.parametrize("wide", ["all", "all but one"])
+def test_points_of_colmap_have_the_colours_of_photographs_that_share_a_space(tmp_path, wide):
+    colmap_folder(tmp_path)
+    files = sorted((tmp_path / "images").iterdir())
+    for file in files[wide != "all" :]:
+        with Image.open(file) as image:
+            image.save(file, icc_profile=profile(*SPACES["Display P3"]))
+    dataset = load_dataset(tmp_path)
+    raw = np.array([200, 100, 50]) / 255
+    expected = srgb_of(raw, *SPACES["Display P3"]) if wide == "all" else raw
+    np.testing.assert_allclose(255 * dataset.point_colors, np.tile(255 * expected, (9, 1)), atol=1)
+    assert abs(srgb_of(raw, *SPACES["Display P3"]) - raw).max() > 0.03
+    difference = check_cameras(dataset).color_difference
+    assert difference is not None and (wide != "all" or difference < 1e-6)
