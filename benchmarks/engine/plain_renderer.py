@@ -101,7 +101,8 @@ def all_finite(values: list) -> mi.Bool:
 
 def screen_kernels(axes: list, scales: list, log2_opacity) -> Kernels:
     lengths = [dr.maximum(abs(dr.detach(x)), abs(dr.detach(y))) for x, y in zip(*axes, strict=True)]
-    scales = [dr.minimum(s, MAX_AXIS / length) for s, length in zip(scales, lengths, strict=True)]
+    longest = [MAX_AXIS / length for length in lengths]
+    scales = [dr.select(s <= limit, s, limit) for s, limit in zip(scales, longest, strict=True)]
     v0 = [a * s for a, s in zip(axes[0], scales, strict=True)]
     v1 = [a * s for a, s in zip(axes[1], scales, strict=True)]
     xx = v0[0] * v0[0] + v0[1] * v0[1] + v0[2] * v0[2]

@@ -21,6 +21,7 @@ from .colmap_records import ColmapImage, ColmapPoints
 from .dataset import Dataset, Observations, View, every_eighth, held_out, require_unique_names, view_name, views_named
 from .images import is_file
 from .lens import undistortion
+from .point_colors import in_srgb
 from .view_images import ViewSource, load_views, require_files
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
@@ -58,7 +59,8 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     views, has_alpha = load_views(relocated if prescaled else sources, downscale, prescaled, on_disk)
     observations = _observations(model, sources, images, views, points)
     train, test = views_named(views, train), views_named(views, test)
-    dataset = Dataset(folder.parent, train, test, points.positions, points.colors, has_alpha, observations)
+    colors = in_srgb(points.colors, [source.image_path for source in (relocated if prescaled else sources)])
+    dataset = Dataset(folder.parent, train, test, points.positions, colors, has_alpha, observations)
     require_plausible(
         dataset, "COLMAP's images file holds world-to-camera poses (quaternion w x y z, then translation)"
     )

@@ -3,7 +3,7 @@
 - **EXIF orientation is ignored.** Structure from motion calibrates the stored pixel grid, so turning the
   image would break its camera. Pillow turns TIFFs by itself: that is undone.
 - **OpenEXR** holds linear radiance (``exr.py``).
-- **Colours become sRGB** where an ICC profile says that they are others (``color_profiles.py``).
+- **Colours become sRGB** where the file says that they are others (``color_profiles.py``).
 - 16-bit grey PNG keeps its depth; 16-bit colour PNG is read with 8 bits, which is what Pillow offers.
 """
 
@@ -19,7 +19,7 @@ from PIL.TiffImagePlugin import IMAGELENGTH, IMAGEWIDTH, TiffImageFile
 
 from ..support.errors import DataError
 from .claimed_size import require_photograph
-from .color_profiles import as_srgb
+from .color_profiles import Encoding, as_srgb, in_rgb, space_of
 from .exr import exr_header, is_exr, read_exr
 
 EXIF_ORIENTATION = 274
@@ -101,6 +101,7 @@ def read_image(path: Path) -> np.ndarray:
         return read_exr(path)
     try:
         with open_image(path) as opened:
+            space = space_of(opened)
             image = stored(opened)
             if image.mode == "F":
                 raise ValueError("floating-point pixels have no display range")
@@ -110,7 +111,7 @@ def read_image(path: Path) -> np.ndarray:
                     raise ValueError("whole numbers beyond 16 bits have no display range")
                 return np.repeat((levels.astype(np.float32) / 65535)[..., None], 3, axis=2)
             alpha = "A" in image.getbands() or "transparency" in image.info
-            colors = as_srgb(image.convert("RGBA" if alpha else "RGB"), opened.info.get("icc_profile"))
+            colors = as_srgb(in_rgb(image, space, "RGBA" if alpha else "RGB"), space)
             pixels = np.asarray(colors, dtype=np.float32) / 255  # [H, W, 3 or 4]
     except UNREADABLE as error:
         raise _corrupt(path, error) from error
@@ -131,6 +132,17 @@ def header(path: Path) -> tuple[tuple[int, int], bool]:
     try:
         with open_image(path) as image:
             return stored_size(image), "A" in image.getbands() or "transparency" in image.info
+    except UNREADABLE as error:
+        raise _corrupt(path, error) from error
+
+
+def color_space(path: Path) -> bytes | Encoding | None:
+    """``space_of`` an image file; None of OpenEXR. Raises ``DataError``."""
+    if is_exr(path):
+        return None
+    try:
+        with open_image(path) as image:
+            return space_of(image)
     except UNREADABLE as error:
         raise _corrupt(path, error) from error
 

@@ -22,6 +22,7 @@ from .colmap import find_model, read_model_points, read_positions
 from .dataset import Dataset, every_eighth, held_out, no_points, require_unique_names, view_name, views_named
 from .images import image_size, is_file
 from .lens import Lens
+from .point_colors import in_srgb
 from .point_ply import read_point_ply
 from .view_images import ViewSource, load_views, require_files
 
@@ -72,7 +73,7 @@ def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: st
     train, test = held_out(train, test, split)
     read = [source for source in sources if source.name in {*train, *test}]
     views, has_alpha = load_views(read, downscale, on_disk=on_disk)
-    points, point_colors = _points(file, content, sources)
+    points, point_colors = _points(file, content, sources, [source.image_path for source in read])
     train, test = views_named(views, train), views_named(views, test)
     dataset = Dataset(file.parent, train, test, points, point_colors, has_alpha)
     require_plausible(dataset, CONVENTION)
@@ -239,8 +240,13 @@ def _focal(frame: dict[str, Any], pixels_key: str, angle_key: str, size: int) ->
     return None
 
 
-def _points(file: Path, content: dict[str, Any], sources: list[ViewSource]) -> tuple[np.ndarray, np.ndarray]:
-    """Points [P, 3] and colours [P, 3] in the frame of the poses; see the module docstring for where from."""
+def _points(
+    file: Path, content: dict[str, Any], sources: list[ViewSource], photographs: list[Path]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points [P, 3] and colours [P, 3] in the frame of the poses; see the module docstring for where from.
+
+    ``photographs``: images that are there, in whose colours those of COLMAP's points are.
+    """
     if content.get("ply_file_path"):
         return read_point_ply(file.parent / str(content["ply_file_path"]).replace("\\", "/"))
     model = find_model(file.parent)
@@ -255,4 +261,4 @@ def _points(file: Path, content: dict[str, Any], sources: list[ViewSource]) -> t
     if np.abs(ours - theirs).max() > 1e-3 * spread:
         return no_points()
     points = read_model_points(model)
-    return points.positions, points.colors
+    return points.positions, in_srgb(points.colors, photographs)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..scene.cameras import Camera
 
+FARTHEST = 1e37  # world units of depth; 1/z of what is farther is no normal number, and its derivatives are NaN
 MARGIN = 0.15  # of the image beyond each of its sides, where J still follows the centre: 1.3 x the field of view
 
 
@@ -92,7 +93,7 @@ class DeviceCamera:
             camera.fx, camera.fy, camera.cx, camera.cy,
             (camera.cx - x0) / camera.fx + margin_x, (x1 - camera.cx) / camera.fx + margin_x,
             (camera.cy - y0) / camera.fy + margin_y, (y1 - camera.cy) / camera.fy + margin_y,
-            near_clip, far_clip,
+            near_clip, min(far_clip, FARTHEST),
         ]  # fmt: skip
         numbers = tuple(float(x) for x in numbers)
         packed = mi.Float(numbers)

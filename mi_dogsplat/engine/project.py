@@ -117,7 +117,9 @@ def all_finite(values: list[mi.Float]) -> mi.Bool:
 def _in_range(axes, scales) -> list:
     """Scales with which no axis is longer than ``MAX_AXIS``."""
     lengths = [dr.maximum(abs(dr.detach(x)), abs(dr.detach(y))) for x, y in zip(*axes, strict=True)]
-    return [dr.minimum(s, MAX_AXIS / length) for s, length in zip(scales, lengths, strict=True)]
+    longest = [MAX_AXIS / length for length in lengths]
+    # not the minimum, whose derivative multiplies that of an infinite scale by 0
+    return [dr.select(s <= limit, s, limit) for s, limit in zip(scales, longest, strict=True)]
 
 
 def in_unit(det: mi.Float) -> tuple:

@@ -15,13 +15,21 @@ from ..support.errors import DataError
 
 @dataclass(frozen=True)
 class Model:
-    """The content of a model file."""
+    """The content of a model file. Raises ``ValueError`` for primitives that are no ``Splats``."""
 
     splats: Splats
     """in the axes of 3DGS PLY: right, down, forward"""
     drawing: Drawing = Drawing()
     left_out: tuple[str, ...] = ()
     """a line for each thing in the file that has no place here"""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.splats, Splats):
+            kind = type(self.splats).__name__
+            raise ValueError(
+                f"a model has primitives of the class Splats, not {kind}; "
+                'that of a shape "dog" is Model(shape.to_splats(), shape.drawing), that of a file read_model(path)'
+            )
 
     def joined(self, *others: Model) -> Model:
         """One model of this one and others, as ``Splats.joined`` makes it; what one of them says on its drawing holds.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,8 +43,10 @@ def write_model(
 
     Raises ``DataError`` when the format or place cannot be written, for values that are not finite, for a drawing that
     no reader would take, for no primitives where a format must have some, and for DoG primitives where it knows none
-    (``export.bake.baked`` makes plain Gaussians of them).
+    (``export.bake.baked`` makes plain Gaussians of them). Raises ``ValueError`` for what is no path or no model.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise ValueError(f"write_model: the path comes first, then the model; {type(path).__name__} is no path")
     path = Path(path)
     chosen = format_to_write(path)
     model = model if isinstance(model, Model) else Model(model)

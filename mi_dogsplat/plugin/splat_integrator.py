@@ -24,6 +24,7 @@ from .drawn import Drawn, SplattedModel
 from .film import Filter, develop, has_alpha, normalized, side_by_side
 from .freezing import refuse_freezing
 from .given_model import is_dog_shape
+from .instances import warn_of_instances
 from .properties import given
 from .samples import Sample, samples
 from .sensor import SensorReader, ViewPass
@@ -51,6 +52,7 @@ class SplatIntegrator(ADIntegrator):
         self.on_pass: Any = None
         self.masks: CameraMasks | None = None
         self._sensors, self._last = SensorReader(), LastFrame()
+        self._looked_for_instances = False
         try:
             self.aovs = aovs.read_names(given(props, "aovs", str, ""))
         except ValueError as error:
@@ -186,6 +188,9 @@ class SplatIntegrator(ADIntegrator):
 
     def _model(self, scene: mi.Scene) -> SplattedModel:
         shapes = dog_shapes(scene)
+        if not self._looked_for_instances:
+            self._looked_for_instances = True
+            warn_of_instances(self.name, scene)
         if not shapes:
             raise RuntimeError(f'{self.name}: the scene has no shape of type "dog"')
         params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])

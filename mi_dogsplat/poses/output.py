@@ -14,6 +14,7 @@ from PIL import Image
 from ..datasets.colmap import read_sources
 from ..datasets.images import read_image, straight_color
 from ..datasets.lens import Undistortion, undistortion
+from ..datasets.point_colors import in_srgb
 from ..support.errors import DataError
 from ..support.files import replacing
 from .colmap_database import require_room
@@ -64,7 +65,13 @@ def undistort(
         if (distorted / mask).is_file():
             _resample(distorted / mask, out / mask, straight[image.name])
         progress(number, len(sources))
-    return _pinhole(pycolmap, pycolmap.Reconstruction(str(model)), straight)
+    made = _pinhole(pycolmap, pycolmap.Reconstruction(str(model)), straight)
+    points = list(made.points3D.values())
+    raw = np.array([point.color for point in points], np.float32).reshape(-1, 3) / 255
+    colors = in_srgb(raw, [source.image_path for source in sources])  # which the new images have
+    for point, color in zip(points, np.rint(255 * colors).astype(np.uint8), strict=True):
+        point.color = color
+    return made
 
 
 def _resample(source: Path, target: Path, how: Undistortion) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from ..datasets.color_profiles import Encoding, as_srgb, in_rgb, space_of
 from ..datasets.dataset import require_unique_names, view_name
 from ..datasets.images import UNREADABLE, open_image, read_image, stored, stored_size
 from ..datasets.masks import mask_files, no_mask, require_white
@@ -66,10 +67,10 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
         target = folder / _solid(name)
         if not copied and kind != "JPEG":
             target = target.with_suffix(".png")
-        missing = not target.is_file()
+        missing, space = not target.is_file(), space_of(image)
         width, height = stored_size(image)[:: -1 if exif.turn in QUARTER_TURNS else 1]
         pixels = stored(image) if missing else None  # all of them: what is cut off shows now
-        upright = _upright(pixels, source, exif.turn) if pixels and not copied else None
+        upright = _upright(pixels, source, exif.turn, space) if pixels and not copied else None
     if upright:
         _write(upright, target, kind)
     elif missing:
@@ -101,11 +102,17 @@ def _solid(name: str) -> str:
     return re.sub(r"^#|[\s\ud800-\udfff]", "_", name)  # bytes of a name that are no UTF-8 are halves of characters
 
 
-def _upright(image: Image.Image, source: Path, turn: Image.Transpose | None) -> Image.Image:
+def _upright(
+    image: Image.Image, source: Path, turn: Image.Transpose | None, space: bytes | Encoding | None
+) -> Image.Image:
+    """In RGB or RGBA. Colours become sRGB that the new file could not say, which has the profile of the old one."""
     if image.mode[0] in "IF":  # 16-bit grey; floating-point pixels are refused there, which Pillow would make black
         image = Image.fromarray(np.rint(read_image(source) * 255).astype(np.uint8))
     upright = image if turn is None else image.transpose(turn)
-    made = upright.convert("RGBA" if "A" in upright.getbands() or "transparency" in upright.info else "RGB")
+    alpha = "A" in upright.getbands() or "transparency" in upright.info
+    made = in_rgb(upright, space, "RGBA" if alpha else "RGB")
+    if isinstance(space, Encoding):
+        return as_srgb(made, space)
     if upright.mode not in ("RGB", "RGBA", "P"):
         made.info.pop("icc_profile", None)  # of other channels than the file is to have
     return made

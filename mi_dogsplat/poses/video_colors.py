@@ -14,20 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..datasets.primaries import BT2020, WIDE, srgb_levels, xyz_of
 from ..support.errors import DataError
-from ..support.srgb import displayed, srgb_to_linear
+from ..support.srgb import srgb_to_linear
 
 BT709, UNSPECIFIED = 1, 2  # matrices of ISO/IEC 23091-2, as ffmpeg numbers them
 MATRICES = (0, BT709, UNSPECIFIED, 4, 5, 6, 7, 9)  # those that ffmpeg converts
 OTHERS = {8: "YCgCo", 10: "BT.2020 of constant luminance", 14: "ICtCp"}
 PQ, HLG = 16, 18  # transfer functions, in the same table
-BT2020, P3 = 9, 12  # primaries, in the same table, that are wider than those of sRGB
-PRIMARIES = {  # x and y of red, green and blue, all with the white of D65
-    BT709: ((0.640, 0.330), (0.300, 0.600), (0.150, 0.060)),
-    BT2020: ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046)),
-    P3: ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060)),
-}
-WHITE = 0.3127, 0.3290  # D65
 HD_WIDTH, SD_HEIGHT = 1280, 576  # what does not say is BT.709 from there on and above, as in players
 WHITE_NITS = 203.0  # light of diffuse white in HDR (ITU-R BT.2408)
 PEAK_NITS, SYSTEM_GAMMA = 1000.0, 1.2  # of the screen that HLG is shown on (BT.2100)
@@ -47,26 +41,20 @@ def srgb_of(frame: Any, width: int) -> NDArray[np.uint8]:
     Other video has the curve of sRGB, as screens show it, whichever it says that cameras have.
     """
     shape: dict[str, Any] = {"width": width, "height": frame.height, "src_colorspace": _matrix(frame)}
-    curve, primaries = frame.color_trc, frame.color_primaries
+    curve, primaries = frame.color_trc, WIDE.get(frame.color_primaries)
     if curve not in (PQ, HLG):
         pixels = frame.to_ndarray(format="rgb24", **shape)
-        if primaries not in (BT2020, P3):
+        if primaries is None:
             return pixels
         light = srgb_to_linear(np.arange(256, dtype=np.float32) / 255)[pixels]
-        return _levels(light, primaries)
-    primaries = primaries if primaries == P3 else BT2020
+        return srgb_levels(light, primaries)
+    primaries = primaries or BT2020
     signal = frame.to_ndarray(format="rgb48le", **shape)  # uint16 [H, W, 3]
     light = _light(curve)[signal]
     if curve == HLG:
-        light *= (light @ _xyz_of(primaries)[1].astype(np.float32))[..., None] ** np.float32(SYSTEM_GAMMA - 1)
+        light *= (light @ xyz_of(primaries)[1].astype(np.float32))[..., None] ** np.float32(SYSTEM_GAMMA - 1)
         light *= np.float32(PEAK_NITS / WHITE_NITS)
-    return _levels(light, primaries)
-
-
-def _levels(light: NDArray[np.float32], primaries: int) -> NDArray[np.uint8]:
-    """sRGB of linear colours [H, W, 3] with these primaries."""
-    matrix = np.linalg.solve(_xyz_of(BT709), _xyz_of(primaries)).astype(np.float32)
-    return np.rint(255 * displayed(light @ matrix.T)).astype(np.uint8)
+    return srgb_levels(light, primaries)
 
 
 def _matrix(frame: Any) -> int:
@@ -74,13 +62,6 @@ def _matrix(frame: Any) -> int:
     if said != UNSPECIFIED:
         return said
     return BT709 if frame.width >= HD_WIDTH or frame.height > SD_HEIGHT else UNSPECIFIED
-
-
-@lru_cache
-def _xyz_of(primaries: int) -> NDArray[np.float64]:
-    """[3, 3], of linear colours with these primaries; the second row is luminance."""
-    columns = np.array([(x / y, 1, (1 - x - y) / y) for x, y in (*PRIMARIES[primaries], WHITE)]).T
-    return columns[:, :3] * np.linalg.solve(columns[:, :3], columns[:, 3])
 
 
 @lru_cache

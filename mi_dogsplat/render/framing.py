@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from ..datasets.camera_paths import circling_shots, look_at
 from ..datasets.capture_config import CaptureConfig
-from ..scene.cameras import Camera, inverse_rigid
+from ..scene.cameras import Camera
 from ..scene.orientation import up_name, up_vector
 from ..scene.splats import Splats
 
@@ -75,21 +76,15 @@ def automatic_camera(splats: Splats, up_axis: str | None = None) -> Camera:
     sideways -= (sideways @ up) * up
     elevation = math.radians(ELEVATION)
     offset = math.sin(elevation) * up - math.cos(elevation) * sideways / np.linalg.norm(sideways)
-    forward = -offset
-    right = np.cross(forward, up) / math.cos(elevation)
-    width, height = AUTOMATIC_SIZE
     half = math.radians(AUTOMATIC_FOV) / 2
-    c2w = np.eye(4)
     position = centre + offset * radius / math.sin(half)
-    c2w[:3] = np.stack([right, np.cross(forward, right), forward, position], axis=1)
+    width, height = AUTOMATIC_SIZE
     focal = 0.5 * min(width, height) / math.tan(half)
-    return Camera(inverse_rigid(c2w), focal, focal, width / 2, height / 2, width, height)
+    return Camera(look_at(position, centre, up), focal, focal, width / 2, height / 2, width, height)
 
 
 def cameras_around(splats: Splats, n: int, up_axis: str | None = None) -> list[Camera]:
     """``n`` cameras on a hemisphere that frame the core of a model, for when nobody says from where to compare."""
-    from ..datasets.camera_paths import circling_shots  # here: data sets need the extra "train"
-
     centre, radius = robust_sphere(splats)
     up = up_name(vertical(splats, up_axis))
     config = CaptureConfig(size=AUTOMATIC_SIZE, fov=AUTOMATIC_FOV, elevations=ELEVATIONS_AROUND)

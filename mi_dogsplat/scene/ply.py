@@ -195,8 +195,11 @@ def write_ply(
             view-dependent colour. A uniform model is the same file in both.
         comments: lines for the header, such as ``drawing.comments_of`` makes.
 
-    Raises ``DataError`` when the place cannot be written, or a value is not finite (nobody could read it).
+    Raises ``DataError`` when the place cannot be written, or a value is not finite (nobody could read it), and
+    ``ValueError`` for primitives that are no ``Splats``.
     """
+    if not isinstance(splats, Splats):
+        raise ValueError(f"write_ply: primitives are Splats, not {type(splats).__name__}; write_model writes a Model")
     path = Path(path)
     if layout == "3dgs" and splats.mixed_sh:
         splats = splats.uniform_sh()

@@ -13,13 +13,17 @@ import mi_dogsplat  # noqa: F401  (before mitsuba: it chooses the LLVM)
 import mitsuba as mi
 import pdoc
 
-# what is for callers; the rest is read in the source
+# what docs/python.md names, and what an own program may build on; the rest is read in the source
 MODULES = [
     "mi_dogsplat", "mi_dogsplat.integrator", "mi_dogsplat.shape_dog", "mi_dogsplat.scene", "mi_dogsplat.datasets",
-    "mi_dogsplat.poses.run", "mi_dogsplat.engine", "mi_dogsplat.reference", "mi_dogsplat.training",
-    "mi_dogsplat.scores", "mi_dogsplat.render", "mi_dogsplat.runs", "mi_dogsplat.measure.evaluate",
-    "mi_dogsplat.measure.metrics", "mi_dogsplat.inspection", "mi_dogsplat.export.write", "mi_dogsplat.editing",
-    "mi_dogsplat.viewer.server", "mi_dogsplat.check.run",
+    "mi_dogsplat.datasets.capture", "mi_dogsplat.datasets.capture_config", "mi_dogsplat.poses.run",
+    "mi_dogsplat.poses.config", "mi_dogsplat.engine", "mi_dogsplat.reference", "mi_dogsplat.training",
+    "mi_dogsplat.scores", "mi_dogsplat.render", "mi_dogsplat.runs", "mi_dogsplat.compare.compare",
+    "mi_dogsplat.compare.names", "mi_dogsplat.measure.evaluate", "mi_dogsplat.measure.metrics",
+    "mi_dogsplat.inspection", "mi_dogsplat.export.write", "mi_dogsplat.export.export_config", "mi_dogsplat.editing",
+    "mi_dogsplat.film.make", "mi_dogsplat.film.film_config", "mi_dogsplat.requests.serve",
+    "mi_dogsplat.viewer.server", "mi_dogsplat.check.run", "mi_dogsplat.support.errors",
+    "mi_dogsplat.support.settings", "mi_dogsplat.support.variants",
 ]  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mi_dogsplat.check import stability
-from mi_dogsplat.check.case_models import bystanders, camera, primitives
+from mi_dogsplat.check.case_models import SHIFTS_OF_ONE, bystanders, camera, primitives
 from mi_dogsplat.check.cases import Case, cases
 from mi_dogsplat.check.rows import rows_of
 from mi_dogsplat.check.stability import GRADIENT_TOLERANCE, IMAGE_TOLERANCE, answer, measure
@@ -34,6 +34,18 @@ def test_the_primitive_that_is_not_finite_has_no_gradient_and_leaves_its_neighbo
             assert not gradient[of_broken].any()
             others = expected.gradients[parameter]
             np.testing.assert_allclose(gradient[~of_broken], others, rtol=1e-5, atol=1e-6, err_msg=parameter)
+
+
+@pytest.mark.parametrize("name", ["stored there", "seen there"])
+def test_what_is_too_far_for_derivatives_by_its_depth_is_not_drawn_and_has_no_gradient(name):
+    at = {"stored there": {"means": (0.1, 0.2, 3e38)}, "seen there": {"means": (0.1, 0.2, 4), "log_scales": 87}}
+    far = primitives(**at[name], shifts=SHIFTS_OF_ONE)
+    splats = bystanders(None, None, None, None, SHIFTS_OF_ONE).joined(far)
+    got = answer(Case("shifts", name, splats, camera(), np.arange(12, 13)), Cutoffs())
+    assert np.isfinite(got.image).all()
+    for parameter, gradient in got.gradients.items():
+        of_far = rows_of(splats, parameter) == 12
+        assert np.isfinite(gradient).all() and not gradient[of_far].any(), parameter
 
 
 def test_all_that_must_be_covered_is():

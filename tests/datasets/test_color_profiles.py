@@ -1,12 +1,17 @@
-"""Photographs whose ICC profile names another space than sRGB are read as what they show."""
+"""Photographs that name another space than sRGB, by an ICC profile or else, are read as what they show."""
 
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from icc_profiles import ADOBE_CURVE, ADOBE_RGB, DISPLAY_P3, SRGB, SRGB_CURVE, profile, srgb_of
+from dataset_folders import colmap_folder
+from icc_profiles import ADOBE_CURVE, ADOBE_RGB, DISPLAY_P3, SRGB, SRGB_CURVE, black_of_cmyk, profile, srgb_of
+from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets.images import read_image
-from PIL import Image, ImageCms
+from mi_dogsplat.support.errors import DataError
+from PIL import ExifTags, Image, ImageCms
 
 SPACES = {"Display P3": (DISPLAY_P3, SRGB_CURVE), "Adobe RGB": (ADOBE_RGB, ADOBE_CURVE)}
 
@@ -18,7 +23,7 @@ def written(file: Path, levels: np.ndarray, icc: bytes | None) -> Path:
 
 @pytest.fixture
 def levels() -> np.ndarray:
-    return np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    return np.random.default_rng(0).integers(0, 256, (100, 64, 3), dtype=np.uint8)
 
 
 @pytest.mark.parametrize("space", SPACES)
@@ -54,3 +59,70 @@ def test_what_is_srgb_already_keeps_its_bits(tmp_path, levels):
                 b"no profile", profile(DISPLAY_P3, SRGB_CURVE)[:200], grey):
         found = read_image(written(tmp_path / "a.png", levels, icc))
         np.testing.assert_array_equal(found, levels.astype(np.float32) / 255)
+
+
+def adobe_tags(index: str) -> Image.Exif:
+    tags = Image.Exif()
+    tags[ExifTags.IFD.Exif] = {ExifTags.Base.ColorSpace: 65535, ExifTags.IFD.Interop: {1: index, 2: b"0100"}}
+    return tags
+
+
+@pytest.mark.parametrize("index", ["R03", "R98"])
+def test_adobe_rgb_may_be_named_by_exif_alone(tmp_path, levels, index):
+    Image.fromarray(levels).save(tmp_path / "a.png", exif=adobe_tags(index))
+    expected = srgb_of(levels / 255, *SPACES["Adobe RGB"]) if index == "R03" else levels / 255
+    np.testing.assert_allclose(255 * read_image(tmp_path / "a.png"), 255 * expected, atol=1)
+
+
+def coded(file: Path, levels: np.ndarray, *code: int, icc: bytes | None = None) -> Path:
+    """A PNG with the chunk cICP behind its header."""
+    content = written(file, levels, icc).read_bytes()
+    chunk = b"cICP" + bytes(code)
+    file.write_bytes(content[:33] + struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) + content[33:])
+    return file
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_what_a_png_codes_comes_before_its_profile(tmp_path, levels, channels):
+    pixels = np.concatenate([levels, np.full_like(levels[..., :1], 255)], axis=-1)[..., :channels]
+    adobe = profile(*SPACES["Adobe RGB"])
+    wide = read_image(coded(tmp_path / "a.png", pixels, 12, 13, 0, 1, icc=adobe))
+    expected = 255 * srgb_of(levels / 255, *SPACES["Display P3"])
+    np.testing.assert_allclose(255 * wide[..., :3], expected, atol=1)
+    usual = read_image(coded(tmp_path / "b.png", pixels, 1, 13, 0, 1, icc=adobe))
+    np.testing.assert_array_equal(usual, pixels.astype(np.float32) / 255)
+
+
+@pytest.mark.parametrize("code", [(9, 16, 0, 1), (9, 18, 0, 1), (11, 13, 0, 1), (1, 13, 0, 0), (1, 13, 1, 1)])
+def test_colours_of_a_png_that_are_not_read_are_refused(tmp_path, levels, code):
+    with pytest.raises(DataError, match=f"{'/'.join(map(str, code))} by cICP, are not read; save it as sRGB"):
+        read_image(coded(tmp_path / "a.png", levels, *code))
+
+
+def test_cmyk_becomes_srgb_by_its_profile_and_is_refused_without(tmp_path):
+    black = np.zeros((8, 8, 4), np.uint8)
+    black[..., 3] = 128
+    image = Image.fromarray(black, "CMYK")
+    image.save(tmp_path / "a.tif", icc_profile=black_of_cmyk())
+    relative = ((100 * (1 - 128 / 255) + 16) / 116) ** 3  # Y of that L*
+    expected = 255 * (1.055 * relative ** (1 / 2.4) - 0.055)
+    np.testing.assert_allclose(255 * read_image(tmp_path / "a.tif"), expected, atol=2)
+    image.save(tmp_path / "b.jpg")
+    with pytest.raises(DataError, match="b.jpg.*its CMYK has no profile .*; save it as RGB"):
+        read_image(tmp_path / "b.jpg")
+
+
+@pytest.mark.parametrize("wide", ["all", "all but one"])
+def test_points_of_colmap_have_the_colours_of_photographs_that_share_a_space(tmp_path, wide):
+    colmap_folder(tmp_path)
+    files = sorted((tmp_path / "images").iterdir())
+    for file in files[wide != "all" :]:
+        with Image.open(file) as image:
+            image.save(file, icc_profile=profile(*SPACES["Display P3"]))
+    dataset = load_dataset(tmp_path)
+    raw = np.array([200, 100, 50]) / 255
+    expected = srgb_of(raw, *SPACES["Display P3"]) if wide == "all" else raw
+    np.testing.assert_allclose(255 * dataset.point_colors, np.tile(255 * expected, (9, 1)), atol=1)
+    assert abs(srgb_of(raw, *SPACES["Display P3"]) - raw).max() > 0.03
+    difference = check_cameras(dataset).color_difference
+    assert difference is not None and (wide != "all" or difference < 1e-6)

@@ -12,9 +12,11 @@ from dataset_folders import (
     transforms_folder,
     write_images,
 )
+from icc_profiles import DISPLAY_P3, SRGB_CURVE, profile, srgb_of
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.masks import mask_files
 from mi_dogsplat.datasets.transforms import not_read
+from PIL import Image
 
 
 def test_a_transforms_file_with_an_angle_and_no_extensions_gives_opengl_cameras(tmp_path):
@@ -148,9 +150,17 @@ def test_points_come_from_a_colmap_model_of_the_same_poses_whatever_its_lenses_a
     model = tmp_path / "colmap" / "sparse" / "0"
     poses = "".join(f"{i} 0 1 0 0 {-0.2 * i} 0 0 7 r_{i}.png\n\n" for i in range(3))
     (model / "images.txt").write_text(poses)
-    (model / "points3D.txt").write_text("".join(f"{k} {x} {y} {z} 0 0 0 1\n" for k, (x, y, z) in enumerate(points)))
+    lines = [f"{k} {x} {y} {z} 200 100 50 1\n" for k, (x, y, z) in enumerate(points)]
+    (model / "points3D.txt").write_text("".join(lines))
     read = load_dataset(tmp_path / "transforms.json")  # the folder itself is one of COLMAP
     np.testing.assert_array_equal(read.points, points.astype(np.float32))
+    np.testing.assert_allclose(255 * read.point_colors[0], (200, 100, 50), rtol=1e-6)
+    for file in (tmp_path / "images").iterdir():
+        with Image.open(file) as image:
+            image.save(file, icc_profile=profile(DISPLAY_P3, SRGB_CURVE))
+    expected = 255 * srgb_of(np.array([200, 100, 50]) / 255, DISPLAY_P3, SRGB_CURVE)
+    wide = load_dataset(tmp_path / "transforms.json")
+    np.testing.assert_allclose(255 * wide.point_colors[0], expected, atol=1)
 
 
 @pytest.mark.parametrize(

@@ -141,6 +141,19 @@ def test_logits_of_any_size_stay_finite_in_value_and_derivative():
         assert np.isfinite(dr.grad(params[name]).numpy()).all(), name
 
 
+def test_a_scale_that_is_no_float_has_a_tangent_of_zero():
+    splats = rounded(make_splats([[0.1, 0, 2], [0, 0.1, 2]], dog=[0, 1]))
+    splats.log_scales[0] = 100
+    params = upload(splats)
+    dr.enable_grad(params["log_scales"])
+    p = project(params, DeviceCamera.upload(make_camera()), sh_degree=0)
+    dr.set_grad(params["log_scales"], 1)
+    assert p.pseudo is not None and p.visible.numpy().all()
+    values = [p.kernels.ux, p.kernels.vy, p.pseudo.ux, p.pseudo.vy]
+    huge, other = np.transpose(dr.forward_to(values))
+    assert not huge.any() and (other < 0).all()
+
+
 def test_the_derivative_of_softplus_is_the_sigmoid_at_zero_too():
     x = mi.Float([-30, -1, 0, -0.0, 1e-30, 1, 30])
     dr.enable_grad(x)

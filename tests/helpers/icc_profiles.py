@@ -1,4 +1,4 @@
-"""ICC profiles of RGB, written by the specification (ICC.1:2010), and what their colours are in sRGB, in float64."""
+"""ICC profiles of RGB and CMYK, by the specification (ICC.1:2010), and what colours of RGB are in sRGB, in float64."""
 
 import struct
 
@@ -27,20 +27,37 @@ def srgb_of(levels: np.ndarray, primaries, curve) -> np.ndarray:
     return np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)
 
 
-def profile(primaries, curve, name: str = "profile") -> bytes:
+def profile(primaries, curve) -> bytes:
     """A display profile, version 4: a matrix and a parametric curve."""
     adapted = np.linalg.solve(BRADFORD, np.diag((BRADFORD @ D50) / (BRADFORD @ D65)) @ BRADFORD) @ xyz_of(primaries)
-    text = name.encode("utf-16-be")
-    desc = b"mluc" + bytes(4) + struct.pack(">II2s2sII", 1, 12, b"en", b"US", len(text), 28) + text
     tone = b"para" + bytes(4) + struct.pack(">HH5i", 3, 0, *(round(v * 65536) for v in curve))
     points = {tag: adapted[:, k] for k, tag in enumerate((b"rXYZ", b"gXYZ", b"bXYZ"))} | {b"wtpt": D50}
     tags = {tag: b"XYZ " + bytes(4) + struct.pack(">3i", *np.rint(v * 65536).astype(int)) for tag, v in points.items()}
-    tags |= {b"desc": desc, b"cprt": desc, **dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"), tone)}
+    tags |= dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"), tone)
+    return _file(b"mntr", b"RGB ", b"XYZ ", 0x04000000, tags)
+
+
+def black_of_cmyk() -> bytes:
+    """A profile of a printer, version 2, whose lightness L* falls evenly with each ink, by a table of its corners."""
+    steps = np.arange(256, dtype=np.uint8).tobytes()
+    inks = np.stack(np.meshgrid(*[[0, 1]] * 4, indexing="ij"), axis=-1).reshape(-1, 4)  # [16, 4], black changes first
+    lightness = (1 - inks[:, 3]) * (1 - inks[:, :3].mean(axis=1))
+    table = np.stack([np.rint(255 * lightness), *[np.full(16, 128)] * 2], axis=-1).astype(np.uint8).tobytes()
+    identity = struct.pack(">9i", *np.eye(3, dtype=int).ravel() * 65536)
+    lut = b"mft1" + bytes(4) + bytes((4, 3, 2, 0)) + identity + 4 * steps + table + 3 * steps
+    white = b"XYZ " + bytes(4) + struct.pack(">3i", *np.rint(D50 * 65536).astype(int))
+    return _file(b"prtr", b"CMYK", b"Lab ", 0x02400000, {b"wtpt": white, b"A2B0": lut})
+
+
+def _file(kind: bytes, channels: bytes, connection: bytes, version: int, tags: dict[bytes, bytes]) -> bytes:
+    text = "profile".encode("utf-16-be")
+    desc = b"mluc" + bytes(4) + struct.pack(">II2s2sII", 1, 12, b"en", b"US", len(text), 28) + text
+    tags = {b"desc": desc, b"cprt": desc} | tags
     table, data, at = struct.pack(">I", len(tags)), b"", 128 + 4 + 12 * len(tags)
     for tag, content in tags.items():
         table += tag + struct.pack(">II", at + len(data), len(content))
         data += content + bytes(-len(content) % 4)
-    header = struct.pack(">I4sI4s4s4s", at + len(data), bytes(4), 0x04000000, b"mntr", b"RGB ", b"XYZ ")
+    header = struct.pack(">I4sI4s4s4s", at + len(data), bytes(4), version, kind, channels, connection)
     header += struct.pack(">6H4s", 2026, 1, 1, 0, 0, 0, b"acsp") + bytes(28)
     header += struct.pack(">3i", *np.rint(D50 * 65536).astype(int))
     return header.ljust(128, b"\0") + table + data

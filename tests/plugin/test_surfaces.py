@@ -273,3 +273,17 @@ def test_two_nested_integrators_are_refused():
 def test_a_nested_integrator_that_traces_from_the_lights_is_refused():
     with pytest.raises(RuntimeError, match="dogsplat: a nested ParticleTracer.* such as path"):
         mi.load_dict({"type": "dogsplat", "nested": {"type": "ptracer"}})
+
+
+@pytest.mark.parametrize(("kind", "warned"), [("both", 1), ("no instance", 0), ("no splats", 0)])
+def test_instances_of_splats_are_not_drawn_and_that_is_said_once(capfd, kind, warned):
+    splats = model()
+    grouped = {"ball": {"type": "sphere", "radius": 0.01}} | ({} if kind == "no splats" else {"dog": dog_dict(splats)})
+    moved = mi.ScalarTransform4f().translate([0, 0, -9])  # out of view
+    instance = {"type": "instance", "to_world": moved, "shapes": {"type": "ref", "id": "group"}}
+    extra = {"group": {"type": "shapegroup", **grouped}} | ({} if kind == "no instance" else {"instance": instance})
+    scene = scene_of(splats, FRONT, extra=extra)
+    for _ in range(2):
+        mi.render(scene, spp=1)
+    told = "".join(capfd.readouterr())
+    assert told.count("instances do not show 1 dog shape in a shapegroup; load its file once for each") == warned

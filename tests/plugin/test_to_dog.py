@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from film_derivatives import film_gradients
-from mi_dogsplat import Drawing, Model, Splats, read_model, to_dog, write_model
+from mi_dogsplat import Drawing, Model, Splats, read_model, to_dog, write_model, write_ply
 from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.support.errors import DataError
 from splat_scenes import axis_rotation, random_splats, rounded, scalar_transform, sensor_dict, square_camera
@@ -165,3 +165,18 @@ def test_a_model_read_from_a_file_is_one(tmp_path):
     write_model(tmp_path / "a.glb", Model(PLAIN, Drawing(antialiased=True)))
     shape: Any = mi.load_dict(to_dog(read_model(tmp_path / "a.glb")))
     assert shape.drawing.antialiased and shape.to_splats().n_splats == 9
+
+
+def test_what_is_no_model_is_not_written_and_a_shape_is_told_how_it_becomes_one(tmp_path):
+    shape: Any = mi.load_dict(to_dog(EVERYTHING))
+    path = tmp_path / "a.ply"
+    others: list[Any] = [shape, Model]
+    for model in others:
+        with pytest.raises(ValueError, match=r"not \w+; that of a .* Model\(shape.to_splats\(\), shape.drawing\)"):
+            write_model(path, model)
+    swapped: Any = EVERYTHING
+    with pytest.raises(ValueError, match="the path comes first, then the model; Model is no path"):
+        write_model(swapped, path)
+    with pytest.raises(ValueError, match="not Model; write_model writes a Model"):
+        write_ply(path, swapped)
+    assert not list(tmp_path.iterdir())

@@ -5,12 +5,12 @@ import sys
 
 import numpy as np
 import pytest
-from icc_profiles import DISPLAY_P3, SRGB_CURVE, profile, srgb_of
+from icc_profiles import ADOBE_CURVE, ADOBE_RGB, DISPLAY_P3, SRGB_CURVE, profile, srgb_of
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.poses.exif import read_exif
 from mi_dogsplat.poses.photographs import prepare, prepare_masks
 from mi_dogsplat.support.errors import DataError
-from PIL import Image
+from PIL import ExifTags, Image
 
 WIDTH, HEIGHT = 60, 40
 ORIENTATION, MAKE, MODEL, EXIF = 0x0112, 0x010F, 0x0110, 0x8769
@@ -62,6 +62,18 @@ def test_colours_stay_those_of_the_profile_also_where_pixels_are_turned(tmp_path
     photograph = prepared(tmp_path / "in", tmp_path / "out")[0]
     shown = 255 * read_image(tmp_path / "out" / photograph.name)[4, 4]
     expected = 255 * srgb_of(np.array([204, 77, 51]) / 255, DISPLAY_P3, SRGB_CURVE)
+    np.testing.assert_allclose(shown, expected, atol=2.5)
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_colours_that_exif_alone_names_become_srgb_where_pixels_are_turned(tmp_path, orientation):
+    (tmp_path / "in").mkdir()
+    exif = tags(orientation)
+    exif[ExifTags.IFD.Exif] = {ExifTags.Base.ColorSpace: 65535, ExifTags.IFD.Interop: {1: "R03", 2: b"0100"}}
+    Image.fromarray(np.full((8, 8, 3), (204, 77, 51), np.uint8)).save(tmp_path / "in" / "a.jpg", exif=exif)
+    photograph = prepared(tmp_path / "in", tmp_path / "out")[0]
+    shown = 255 * read_image(tmp_path / "out" / photograph.name)[4, 4]
+    expected = 255 * srgb_of(np.array([204, 77, 51]) / 255, ADOBE_RGB, ADOBE_CURVE)
     np.testing.assert_allclose(shown, expected, atol=2.5)
 
 

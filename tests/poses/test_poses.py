@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from command_line import assert_one_line, run
 from dataset_folders import N_VIEWS, colmap_folder, write_images
+from icc_profiles import DISPLAY_P3, SRGB_CURVE, profile
 from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets.colmap import read_sources
 from mi_dogsplat.datasets.masks import Masks
@@ -259,6 +260,17 @@ def test_without_its_lens_a_transparent_picture_is_as_bright_as_before(tmp_path)
     write_images(bent / "images", [f"img_{i:02d}.png" for i in range(N_VIEWS)], color=(200, 100, 50, 128))
     undistort(pycolmap, bent, out, lambda done, n: None)
     assert np.abs(np.asarray(Image.open(out / "images" / "img_03.png")) - (200.0, 100, 50, 128)).max() <= 1
+
+
+def test_without_its_lens_points_have_the_colours_of_the_new_images(tmp_path):
+    bent, out = tmp_path / "bent", tmp_path / "out"
+    colmap_folder(bent, camera="SIMPLE_RADIAL", params=(20, 10.5, 7.5, 0.01))
+    for file in (bent / "images").iterdir():
+        Image.new("RGB", (21, 15), (200, 100, 50)).save(file, icc_profile=profile(DISPLAY_P3, SRGB_CURVE))
+    model = undistort(pycolmap, bent, out, lambda done, n: None)
+    shown = np.asarray(Image.open(out / "images" / "img_03.png"))[7, 10].astype(int)
+    colors = np.array([point.color for point in model.points3D.values()])
+    assert len(colors) == 9 and abs(colors - shown).max() <= 1 and abs(shown - (200, 100, 50)).max() > 5
 
 
 def test_undistorted_from_the_command_line(room, tmp_path, capsys):

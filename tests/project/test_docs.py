@@ -300,6 +300,11 @@ def test_the_reference_of_the_api_is_made_and_has_every_module(tmp_path):
     named = re.findall(r'"(mi_dogsplat[.\w]*)"', (ROOT / "scripts" / "release" / "api.py").read_text())
     assert len(named) > 10 and all((tmp_path / f"{name.replace('.', '/')}.html").exists() for name in named)
     assert "[N, 3] world space" in (tmp_path / "mi_dogsplat.html").read_text()
+    of_page = set(re.findall(r"mi_dogsplat(?:\.\w+)+", (ROOT / "docs" / "python.md").read_text(encoding="utf-8")))
+    files = [file.relative_to(tmp_path).with_suffix("") for file in tmp_path.rglob("*.html")]
+    pages = {file.as_posix().replace("/", ".") for file in files}
+    assert len(of_page) > 20
+    assert not {name for name in of_page if not pages & {name, name.rpartition(".")[0]}}
 
 
 def test_every_public_function_and_class_says_what_it_is():
