@@ -42,13 +42,14 @@ def footprints(
     alphas, order = _blended_alphas(projection, camera, negative_transmittance), depth_order(projection)
     result = np.zeros((len(projection.depths), camera.height * camera.width))
     shown, (x, y) = np.ones((alphas.shape[1], 3)), pixel_centres(0, 0, camera.width, camera.height)
+    colors = {j: colors_at(projection, j, x, y) for j in order}  # for all of the images
 
     def image(i: int, alpha: np.ndarray) -> np.ndarray:
         """[P, 3] with this alpha [P] of primitive i in place of its own; as it is with i = -1."""
         total, T = np.zeros((alphas.shape[1], 3)), np.ones((alphas.shape[1], 1))
         for j in order:
             a = (alpha if j == i else alphas[j])[:, None]
-            total += colors_at(projection, j, x, y) * a * T
+            total += colors[j] * a * T
             T = T * (1 - (a if negative_transmittance else np.maximum(a, 0)))
         return total + T * np.asarray(background)
 
