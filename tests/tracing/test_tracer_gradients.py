@@ -11,6 +11,7 @@ from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import RAW, RAW_OF_GROUPS
 from mi_dogsplat.reference import rays as twin
 from mi_dogsplat.reference.forward import raw_indices
+from mi_dogsplat.reference.rays import RayMeetings
 from mi_dogsplat.scene.row_groups import CURVATURES, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
@@ -20,6 +21,7 @@ from ray_sets import RaySet, random_rays
 from splat_scenes import attached, random_splats, rounded
 
 STEP = 1e-5
+Choices = list[tuple[str, dict[str, bool]]]  # what is asked of rays, and with which options
 NAMES = RAW + RAW_OF_GROUPS
 COLORS = "sh_coeffs", *SLOPES.names, *CURVATURES.names
 SHARES = {"colours of one value": (0, 0, 0, 0), "slopes": (0.6, 0, 0, 0), "curvatures": (0, 0, 0, 0.6),
@@ -55,8 +57,8 @@ def adjoints(n: int) -> np.ndarray:
     return np.random.default_rng(23).normal(size=(4, n)).astype(np.float32)
 
 
-def twin_loss(splats: Any, rays: RaySet, kind: str, **options) -> float:
-    δ, meetings = adjoints(len(rays.maxt)), rays.meet(splats, smooth=True)
+def twin_loss(meetings: RayMeetings, kind: str, **options) -> float:
+    δ = adjoints(len(meetings.alphas))
     if kind == "transmittance":
         return float((δ[3] * twin.transmittance(meetings, smooth=True, **options)).sum())
     colors, T = twin.gather(meetings, smooth=True, **options)
@@ -69,19 +71,23 @@ def in_float64(splats: Any) -> tuple[dict[str, np.ndarray], Any]:
     return raw, SimpleNamespace(**raw, **raw_indices(splats))
 
 
-def differences(splats: Any, rays: RaySet, kind: str, **options) -> dict[str, np.ndarray]:
-    """Central ones, by every entry of the raw parameters."""
+def differences(splats: Any, rays: RaySet, choices: Choices) -> dict[str, np.ndarray]:
+    """Central ones of the losses of all choices, [choices, ...], by every entry of the raw parameters.
+
+    What rays meet takes most of the time, and is the same for all choices.
+    """
     raw, changed = in_float64(splats)
     result = {}
     for name, values in raw.items():
-        result[name] = np.zeros_like(values)
+        result[name] = np.zeros((len(choices), *values.shape))
         for index in np.ndindex(values.shape):
             kept, losses = values[index], []
             for sign in (1, -1):
                 values[index] = kept + sign * STEP
-                losses.append(twin_loss(changed, rays, kind, **options))
+                meetings = rays.meet(changed, smooth=True)
+                losses.append(np.array([twin_loss(meetings, kind, **options) for kind, options in choices]))
             values[index] = kept
-            result[name][index] = (losses[0] - losses[1]) / (2 * STEP)
+            result[name][(slice(None), *index)] = (losses[0] - losses[1]) / (2 * STEP)
     return result
 
 
@@ -95,31 +101,36 @@ def loss(params: dict, degree: int, rays: RaySet, kind: str, **options) -> Any:
     return dr.sum(sum(c * d for c, d in zip(colors, δ[:3], strict=True)) + T * δ[3])
 
 
-def assert_those_of_the_twin(splats: Splats, rays: RaySet, kind: str, **options) -> None:
+def assert_those_of_the_twin(splats: Splats, rays: RaySet, choices: Choices) -> None:
     """Of gradients by every parameter, to 2e-3 of the largest."""
-    expected = differences(splats, rays, kind, **options)
-    params = attached(splats)
-    dr.backward(loss(params, splats.sh_degree, rays, kind, cutoffs=SMOOTH, **options))
+    expected = differences(splats, rays, choices)
     wrong = []
-    for name, values in expected.items():
-        found = dr.grad(params[name]).numpy().reshape(values.shape)
-        error = np.abs(found - values).max() / max(np.abs(values).max(), 1e-3)
-        wrong += [f"{name}: {error:.1e}"] if error > 2e-3 else []
-        assert kind == "transmittance" and name in COLORS or np.abs(values).max() > 1e-3, name
+    for k, (kind, options) in enumerate(choices):
+        params = attached(splats)
+        dr.backward(loss(params, splats.sh_degree, rays, kind, cutoffs=SMOOTH, **options))
+        for name, of_choices in expected.items():
+            values = of_choices[k]
+            found = dr.grad(params[name]).numpy().reshape(values.shape)
+            error = np.abs(found - values).max() / max(np.abs(values).max(), 1e-3)
+            wrong += [f"{kind}, {options}, {name}: {error:.1e}"] if error > 2e-3 else []
+            assert kind == "transmittance" and name in COLORS or np.abs(values).max() > 1e-3, name
     assert not wrong, wrong
 
 
-@every_pair(shares=SHARES, kind=["transmittance", "gather"], negative_transmittance=[True, False])
-def test_gradients_are_those_of_the_twin(shares, rays, kind, negative_transmittance):
-    assert_those_of_the_twin(model(shares), rays, kind, negative_transmittance=negative_transmittance)
+@pytest.mark.parametrize("shares", SHARES)
+def test_gradients_are_those_of_the_twin(shares, rays):
+    """Of every kind of primitives, and of both ways to blend with and without negative transmittance."""
+    turned = shares == "slopes"
+    ways = {"transmittance": not turned, "gather": turned}
+    choices = [(kind, {"negative_transmittance": negative}) for kind, negative in ways.items()]
+    assert_those_of_the_twin(model(shares), rays, choices)
 
 
-@pytest.mark.parametrize("kind", ["transmittance", "gather"])
 @pytest.mark.parametrize("shares", ["colours of one value", "slopes, and cut off", "curvatures", "shifts", "all of it"])
-def test_gradients_of_thin_discs_are_those_of_the_twin(shares, rays, kind):
+def test_gradients_of_thin_discs_are_those_of_the_twin(shares, rays):
     splats = model(shares)
     splats.log_scales[:, 1] = np.log(1e-4)
-    assert_those_of_the_twin(splats, rays, kind)
+    assert_those_of_the_twin(splats, rays, [("transmittance", {}), ("gather", {})])
 
 
 @every_pair(shares=SHARES, n=[60, FEW + 10], kind=["transmittance", "gather"])
