@@ -87,23 +87,24 @@ def test_bands_have_all_rows_in_order_and_are_as_few_as_fit(rows, most):
         assert k == len(bands) - 1 or count + rows[band.rows.stop] > most
 
 
-@pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize(  # what is chosen shares kernels: each plane and each gradient is compared all the same
     "chosen",
     [{"probed": True, "depth": True, "normal": True}, {"stop": True, "depth": True, "negative_transmittance": False}],
     ids=["probe and features", "stop depth and mode"],
 )
 @pytest.mark.parametrize("shares", SHARES.values(), ids=SHARES)
-def test_picture_and_gradients_have_the_same_bits(shares, chosen, count):
+def test_picture_and_gradients_have_the_same_bits(shares, chosen):
     for k, size in enumerate(SIZES):
         splats, camera = rounded(random_splats(200, k, 1, *shares)), tilted_camera(*size)
         _, planes, gradients = passes(splats, camera, **chosen)
-        memory = memory_for(count, per_row(splats, camera))
-        view, banded_planes, banded_gradients = passes(splats, camera, isect_memory=memory, **chosen)
-        assert len(view.bands) == count
-        for a, b in zip(banded_planes, planes, strict=True):
-            np.testing.assert_array_equal(a, b)
-        assert_same(banded_gradients, gradients)
+        rows = per_row(splats, camera)
+        for count in COUNTS:
+            memory = memory_for(count, rows)
+            view, banded_planes, banded_gradients = passes(splats, camera, isect_memory=memory, **chosen)
+            assert len(view.bands) == count
+            for a, b in zip(banded_planes, planes, strict=True):
+                np.testing.assert_array_equal(a, b)
+            assert_same(banded_gradients, gradients)
 
 
 def test_a_band_for_every_row_is_the_least_memory_there_is():
@@ -159,9 +160,9 @@ def test_tangents_have_the_same_bits(shares):
         dr.traverse(dr.ADMode.Forward)
         return [dr.grad(plane).numpy() for plane in [*frame.colors, frame.T]]
 
+    expected, rows = tangents(), per_row(splats, camera)
     for count in COUNTS:
-        memory = memory_for(count, per_row(splats, camera))
-        for a, b in zip(tangents(isect_memory=memory), tangents(), strict=True):
+        for a, b in zip(tangents(isect_memory=memory_for(count, rows)), expected, strict=True):
             np.testing.assert_array_equal(a, b)
 
 
