@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from ..datasets.color_profiles import Encoding, as_srgb
 from ..datasets.primaries import BT2020, WIDE, srgb_levels, xyz_of
 from ..support.errors import DataError
-from ..support.srgb import srgb_to_linear
 
 BT709, UNSPECIFIED = 1, 2  # matrices of ISO/IEC 23091-2, as ffmpeg numbers them
 MATRICES = (0, BT709, UNSPECIFIED, 4, 5, 6, 7, 9)  # those that ffmpeg converts
@@ -46,8 +47,7 @@ def srgb_of(frame: Any, width: int) -> NDArray[np.uint8]:
         pixels = frame.to_ndarray(format="rgb24", **shape)
         if primaries is None:
             return pixels
-        light = srgb_to_linear(np.arange(256, dtype=np.float32) / 255)[pixels]
-        return srgb_levels(light, primaries)
+        return np.asarray(as_srgb(Image.fromarray(pixels), Encoding(primaries)))
     primaries = primaries or BT2020
     signal = frame.to_ndarray(format="rgb48le", **shape)  # uint16 [H, W, 3]
     light = _light(curve)[signal]
