@@ -102,6 +102,17 @@ def two_threads() -> Iterator[None]:
 
 
 @pytest.fixture
+def small_blocks(monkeypatch):
+    """For tests with many kernels that do not depend on blocks: those of CUDA, which are compiled in half the time."""
+    from dataclasses import replace
+
+    from mi_dogsplat.engine.geometry import Blocks
+
+    blocks = replace(Blocks.of_backend(), width=4, height=2, unroll=1, adapts=False)
+    monkeypatch.setattr(Blocks, "of_backend", lambda: blocks)
+
+
+@pytest.fixture
 def fresh_recordings():
     """For tests of what a call launches: nothing of the calls before is known to frozen functions."""
     from lean_calls import forget_recordings

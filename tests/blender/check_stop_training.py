@@ -44,6 +44,7 @@ def begun(tmp_path, monkeypatch):
         return run
 
     yield begin
+    monkeypatch.setattr(training_run, "PATIENCE", 0.2)  # for those that do not listen
     for run in runs:
         run.stop()
     WORK.end_training()

@@ -148,6 +148,7 @@ def test_every_curve_has_a_colour_and_a_marker_of_its_own():
     ],
     ids=["slopes", "curvatures", "cuts", "second cuts", "shifts"],
 )
+@pytest.mark.usefixtures("small_blocks")
 def test_a_model_with_rows_is_measured_with_theirs(kind, truth, said, color, capsys, tmp_path, monkeypatch, few_points):
     monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda width: [])
     splats, name = truth(), kind.word.replace("_", " ")

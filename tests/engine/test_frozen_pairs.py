@@ -39,6 +39,7 @@ from mi_dogsplat.training.optimizer.triangles import n_pairs
 from mi_dogsplat.training.optimizer.triangles import upload as upload_triangles
 from splat_scenes import make_camera, options, random_splats, rounded
 
+pytestmark = pytest.mark.usefixtures("small_blocks")
 CAMERA = make_camera(16, 12, f=14.0)
 NUMBERS = (0.3, -0.2, 0.1, -0.4, -0.2)  # of a camera: gains, vignetting
 OPTIONS = ({}, {"patch": 1}, {"patch": 2}, {"negative_transmittance": False}, {"cutoffs": SMOOTH},

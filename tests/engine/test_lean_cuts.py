@@ -15,7 +15,7 @@ from mi_dogsplat.scene.splats import Splats
 from sloped_models import with_curvatures
 from splat_scenes import kernels, random_splats, rounded
 
-pytestmark = pytest.mark.usefixtures("fresh_recordings")
+pytestmark = pytest.mark.usefixtures("fresh_recordings", "small_blocks")
 KINDS = {"plain": (0, 0), "DoG": (0.5, 0), "slopes": (0, 0.5), "DoG, slopes": (0.5, 0.5)}
 CURVED = "DoG, slopes, curvatures"
 

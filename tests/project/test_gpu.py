@@ -125,8 +125,8 @@ def test_what_runs_aside_has_ended_before_something_is_timed(session):
 
 def test_a_step_leaves_the_time_that_those_behind_it_need_at_least(tmp_path):
     known = {"machine": MACHINE, "command": "", "commit": "", "steps": {}}
-    # "last" needs a half of its least at least: what "long" leaves, which may take 6 s and a little
-    session = Session(tmp_path, tmp_path, time.time() + 26, known, {})
+    # "last" needs a half of its least at least: what "long" leaves, which may take 2 s and a little
+    session = Session(tmp_path, tmp_path, time.time() + 22, known, {})
     waiting = python("import time; time.sleep(600)", name="long", limit=600, bounded=True)
     never = python("1", name="never", least=1000)  # nothing is kept for what does not fit at all
     session.run([waiting, never, python("1", name="last", least=20)], True)

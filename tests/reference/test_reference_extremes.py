@@ -1,4 +1,4 @@
-"""Gradients of the float64 twin at extremes, against differences in 90 digits."""
+"""Gradients of the float64 twin at extremes, against differences in 70 digits."""
 
 from decimal import Decimal, localcontext
 
@@ -68,15 +68,15 @@ def exact_loss(raw: dict, color: np.ndarray, camera, adjoint: np.ndarray, antial
 
 
 def exact_gradients(splats, camera, adjoint: np.ndarray, antialiased: bool) -> dict[str, np.ndarray]:
-    """Differences in 90 digits of all but the coefficients; a step is 1e-30 of the largest value of its kind."""
+    """Differences in 70 digits of all but the coefficients; a step is 1e-20 of the largest value of its kind."""
     number = np.vectorize(Decimal, otypes=[object])
     raw = {name: number(getattr(splats, name)) for name in raw_names(splats) if name != "sh_coeffs"}
     gradients = {name: np.zeros(values.shape) for name, values in raw.items()}
     (color,) = number(reference.project(splats, camera).colors)
     with localcontext() as context:
-        context.prec = 90
+        context.prec = 70
         for name, values in raw.items():
-            step = max(map(abs, values.ravel())) * Decimal("1e-30")
+            step = max(map(abs, values.ravel())) * Decimal("1e-20")
             for index in np.ndindex(values.shape):
                 value, sides = values[index], []
                 for side in (step, -step):
