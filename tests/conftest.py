@@ -103,7 +103,9 @@ def two_threads() -> Iterator[None]:
 
 @pytest.fixture
 def small_blocks(monkeypatch):
-    """For tests with many kernels that do not depend on blocks: those of CUDA, which are compiled in half the time."""
+    """For tests with many kernels, where blocks do not matter: a lane has the pixels that it has on CUDA, and takes a
+    primitive an iteration. Such kernels are compiled in half the time.
+    """
     from dataclasses import replace
 
     from mi_dogsplat.engine.geometry import Blocks
