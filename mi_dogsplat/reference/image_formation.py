@@ -8,7 +8,8 @@ Notation, per pixel; c are the colours of the model, display-referred as a photo
 
 Sources: the chain of exposure, vignetting, colour correction and response of PPISP (NVIDIA 2026, arXiv:2601.18336). But
 white balance is a factor for each channel (von Kries) and the response is that of sRGB, both fixed by measurement
-(docs/experiments.md), and so is the light in which gains act. Goldman 2010 (vignetting, an even polynomial of r).
+(docs/experiments/photographs.md), and so is the light in which gains act. Goldman 2010 (vignetting, an even polynomial
+of r).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Curves as inline SVG: crisp at any size, coloured by the style sheet of the page.
 
 No library: the eight plots of a report are 22 kB here, 113 kB to 4.8 MB by those that were tried, and none of these has
-tooltips without a script (docs/experiments.md).
+tooltips without a script (docs/experiments/plots.md).
 """
 
 from __future__ import annotations

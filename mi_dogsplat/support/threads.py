@@ -15,7 +15,8 @@ def fit_threads() -> None:
     """At most one for each core that this process may use.
 
     Dr.Jit starts one for each core of the affinity. In a container with a share of a large machine those are many more
-    than can run: with 32 threads on two cores a training step took 20 times as long as with two (docs/performance.md).
+    than can run: with 32 threads on two cores a training step took 20 times as long as with two
+    (docs/performance/around.md).
     """
     import drjit as dr
 

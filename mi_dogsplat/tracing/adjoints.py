@@ -122,7 +122,7 @@ class Adjoints:
             column = dr.zeros(types.Float, n)
             dr.scatter(column, dr.gather(types.Float, self.rows, dr.fma(leaf, ROW, k)), splat, splat != NONE)
             kernel.append(column)
-        dr.eval(kernel)  # what AD adds to a column while its scatter still waits may be lost: docs/performance.md
+        dr.eval(kernel)  # what AD adds to a column while its scatter still waits may be lost: docs/performance/traps.md
         sparse = {
             "pseudo": [] if self.pseudo is None else columns_of(self.pseudo, PSEUDO_ROW, 4),
             "slopes": self.slopes.columns() if self.slopes else [],

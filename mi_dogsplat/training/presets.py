@@ -164,7 +164,7 @@ class Recipe:
 
         What follows keeps its distance from the end of densification, so refinement is as much longer as growth is
         shorter. Larger steps make larger gradients, so the threshold of density control grows with their root, and
-        the number of primitives stays about the same (docs/experiments.md).
+        the number of primitives stays about the same (docs/experiments/growth.md).
 
         Raises ``ValueError`` for a share that leaves no growth, or no steps behind the last milestone.
         """

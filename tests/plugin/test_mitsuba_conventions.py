@@ -170,7 +170,7 @@ def test_a_value_takes_effect_with_update_which_says_what_changed():
 
 @pytest.fixture
 def no_collection():
-    """What Python collects while Dr.Jit records may end the process (docs/performance.md)."""
+    """What Python collects while Dr.Jit records may end the process (docs/performance/traps.md)."""
     gc.disable()
     yield
     gc.enable()

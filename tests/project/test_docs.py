@@ -33,7 +33,7 @@ from benchmarks.names import ROOM_OF
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "tutorials/README.md")]
-PAGES += sorted((ROOT / "docs").glob("*.md"))
+PAGES += sorted((ROOT / "docs").rglob("*.md"))
 WRAPPED = 120  # characters of a line that is no table and no picture
 # flag and value that a command gets instead of its own, or is given
 SHORT = {

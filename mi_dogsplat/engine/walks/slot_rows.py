@@ -44,7 +44,7 @@ class SlotRows:
 
         One wide scatter instead of one per value. On CUDA the lanes of a warp that add to one row are joined first
         (``Local``). They ask each other once which of them do, if the row is a multiple of four floats: else Dr.Jit
-        takes it apart, and they ask for each value (docs/performance.md).
+        takes it apart, and they ask for each value (docs/performance/cuda.md).
         Never in mode ``Expand``, nor ``Auto`` which may choose it: they give every thread a copy of the table at an
         offset that a frozen kernel holds as a constant. Replayed with a larger table it writes out of bounds
         (Dr.Jit 1.5).

@@ -86,7 +86,8 @@ class Walk:
         self.blocks = view.grid.blocks
         tile = view.lanes.tile
         self.walked = True if dog is None else (dr.gather(types.UInt, view.lists.dog, tile) != 0) == dog
-        # past a branch, or with sums, what is held for the next steps costs more than it saves (docs/performance.md)
+        # past a branch, or with sums, what is held for the next steps costs more than it saves
+        # (docs/performance/kernels.md)
         self.hurries = blends_only and not self.has_dog
         self.unroll = self._unrolled(blends_only)
         its_list = AheadList if self.hurries else LaneList
@@ -100,7 +101,7 @@ class Walk:
 
     def _unrolled(self, blends_only: bool) -> int:
         """How many primitives an iteration takes: the longer a step and the fewer the registers, the fewer, for each
-        holds values for the others (docs/performance.md)."""
+        holds values for the others (docs/performance/kernels.md)."""
         is_short = not self.has_dog and (self.hurries or not varying_columns(self.settings))
         if is_short or not self.blocks.adapts:
             return self.blocks.unroll

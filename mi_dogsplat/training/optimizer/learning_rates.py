@@ -10,12 +10,13 @@ from ..milestones import scaled_milestone
 from .preconditioning import Preconditioning
 from .sh_rows import SH_INDEX
 
-FEW_VIEWS = 50  # up to which view-dependent colour has no factor of its own: docs/experiments.md
+FEW_VIEWS = 50  # up to which view-dependent colour has no factor of its own: docs/experiments/step_sizes.md
 
 
 @dataclass(frozen=True)
 class Refinement:
-    """Larger step sizes from pruning on, ours: few primitives have far to go, to where many were (docs/experiments.md).
+    """Larger step sizes from pruning on, ours: few primitives have far to go, to where many were
+    (docs/experiments/step_sizes.md).
 
     Factors on the step sizes of the 3DGS recipe; the first falls linearly to its end. So it stays large
     for longer than in an exponential fall, which is at a tenth of the gain after half of the run.

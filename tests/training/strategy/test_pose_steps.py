@@ -54,7 +54,10 @@ def test_the_gradient_is_that_of_differences_of_the_loss(data, at_once, monkeypa
 
 
 def test_gradients_are_sums_of_lanes_though_nobody_waits_for_those_of_a_view(data, at_once, ordered, monkeypatch):
-    """Of several views in a step: what is added to an array before it is evaluated may be lost (performance.md)."""
+    """Of several views in a step: what is added to an array before it is evaluated may be lost.
+
+    The trap is told in docs/performance/traps.md.
+    """
     dataset, config = load_dataset(data), config_of(data, batch_views=3)
     expected, after_backward = np.zeros((VIEWS, 6)), PoseRefinement.after_backward
 
