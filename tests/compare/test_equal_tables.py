@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from command_line import assert_one_line, run
 from mi_dogsplat.cli import main
-from mi_dogsplat.compare import execute
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.names import AT, at_target
 from mi_dogsplat.compare.nearest import nearest, tables_of_equals
 from mi_dogsplat.compare.overview import overview
 from mi_dogsplat.compare.pairs import interval, margin, paired, seconds_to, table_of_pairs
 from mi_dogsplat.compare.table import label
-from tasks_here import perform_here
+from small_comparison import without_processes
 from tiny_data import write_tiny_data
 
 
@@ -151,12 +150,12 @@ def test_more_targets_are_below_the_cap_and_others_than_the_target(tmp_path, mon
     assert asked == [[0.5, 200]]
 
 
-def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path, monkeypatch):
-    monkeypatch.setattr(execute, "in_a_process", perform_here)
+def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path):
     data = write_tiny_data(tmp_path / "tiny")
     flags = "--steps 60 --sh-degree 1 --max-primitives 120 --target 0.25 --log-every 10".split()
     only = ["--only", "3dgs", "opacity", "3dgs_capped", "released_40k", "--more-targets", "0.5"]
-    assert main(["compare", str(data), "-o", str(tmp_path / "out"), *only, *flags]) == 0
+    with without_processes():
+        assert main(["compare", str(data), "-o", str(tmp_path / "out"), *only, *flags]) == 0
     table = json.loads((tmp_path / "out" / "comparison.json").read_text())
     of = {name: found["data"]["tiny"] for name, found in table["methods"].items()}
     assert set(of) == {"3dgs", "opacity", "3dgs_capped", "released_40k"} and not of["3dgs"]["others"]

@@ -9,12 +9,11 @@ import pytest
 from command_line import assert_one_line
 from command_line import run as dogsplat
 from html_pages import parsed, words
-from mi_dogsplat.compare import execute
 from mi_dogsplat.compare.compare import claim, compare
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
-from tasks_here import perform_here
+from small_comparison import without_processes
 from tiny_data import write_tiny_data
 
 SETTINGS: dict[str, Any] = {"steps": 30, "sh_degree": 1, "log_every": 10, "max_primitives": 100, "target": 0.5}
@@ -37,10 +36,10 @@ def test_a_run_measures_validation_views_and_says_so(data, tmp_path):
     assert "Test PSNR" not in text and "Test views" not in text
 
 
-def test_a_comparison_measures_validation_views_and_says_so(data, tmp_path, monkeypatch):
-    monkeypatch.setattr(execute, "in_a_process", perform_here)
+def test_a_comparison_measures_validation_views_and_says_so(data, tmp_path):
     config = TrainConfig("", split="validation", **SETTINGS)
-    table = compare(config, [str(data)], tmp_path / "out", [0], ["3dgs"])
+    with without_processes():
+        table = compare(config, [str(data)], tmp_path / "out", [0], ["3dgs"])
     assert table["failed"] == {} and table["config"][data.name]["split"] == "validation"
     metrics = json.loads((tmp_path / "out" / data.name / "seed_0" / "3dgs" / "metrics.json").read_text())
     assert list(metrics["views"]) == ["1"]
