@@ -9,8 +9,9 @@ their file, each through the formats it can have. Every file is read back and me
   ``--preconditioned`` by such steps, too.
 
 ``--file LABEL=PATH`` adds a file that another program has made of the same capture. A run that is cut off goes on when
-the same command is given again. Times to draw are measured at the end, all files in turn. Writes
-``rate_distortion.json``, ``.csv`` and a page with plots.
+the same command is given again. LPIPS is measured where its weights are installed (``make lpips``), which takes seconds
+a view. Times to draw are measured at the end, all files in turn. Writes ``rate_distortion.json``, ``.csv`` and a page
+with plots.
 """
 
 from __future__ import annotations
@@ -20,18 +21,19 @@ import csv
 import itertools
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from mi_dogsplat.compare.method_runs import densified_start
-from mi_dogsplat.datasets import Dataset, View, load_dataset
+from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.export.bake import baked
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.write import write_model
-from mi_dogsplat.measure.evaluate import evaluate_views, mean_metrics, render_milliseconds_in_turn
-from mi_dogsplat.render.picture import Picture, background_color, picture_of
+from mi_dogsplat.measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds_in_turn
+from mi_dogsplat.measure.lpips import Lpips
+from mi_dogsplat.render.picture import background_color, picture_of
 from mi_dogsplat.report.page import TEMPLATES
 from mi_dogsplat.report.plot import Series, line_plot
 from mi_dogsplat.report.points import Note
@@ -49,7 +51,8 @@ MEASURES = {"psnr": "PSNR, dB", "ssim": "SSIM", "flip": "FLIP"}
 AXES = {"bytes": ("file, MB", 1e-6), "n": ("primitives", 1.0)}
 PLOTS = (("bytes", "psnr"), ("n", "psnr"), ("bytes", "ssim"), ("bytes", "flip"))
 EXPORTS = {"spz": ".spz", "sog": ".sog", "compressed PLY": ".compressed.ply"}
-COLUMNS = ("curve", "run", "file", "n", "n_dog", "bytes", "bytes_each", *MEASURES, "render_ms", "train_seconds")
+LPIPS = "lpips"
+COLUMNS = ("curve", "run", "file", "n", "n_dog", "bytes", "bytes_each", *MEASURES, LPIPS, "render_ms", "train_seconds")
 PAGE = """{% extends "report/templates/base.html" %}{% from "report/templates/parts.html" import plots as drawn %}
 {% block body %}<h1>{{ title }}</h1>
 <p>Views of {{ data }} that are not trained on; every file is read back.
@@ -80,12 +83,14 @@ def main(flags: Sequence[str]) -> None:
     same_settings(args.out, args, "data", ("downscale", "steps", "max_primitives", "split", "seed"))
     dataset = load_dataset(base.data, base.downscale, split=base.split)
     background = background_color(base.background, dataset.has_alpha)
+    measure = Measure(lpips=Lpips.installed(view.camera for view in dataset.test))
     rows, pictures = [], {}
     for file in _files(base, args):
         splats = read_model(file.path).splats
         picture = picture_of(splats, background)
         pictures[str(file.path)] = lambda view, picture=picture: picture(view.camera)
-        rows.append(measured(file, splats, pictures[str(file.path)], dataset, background))
+        found = evaluate_views(pictures[str(file.path)], dataset.test, background, measure=measure)
+        rows.append(row_of(file, splats, mean_metrics(found)))
         print(rows[-1], flush=True)
         _write(args.out, args.data, rows)
     times = render_milliseconds_in_turn(pictures, dataset.test)
@@ -135,15 +140,12 @@ def _seconds(run: Path) -> float:
     return json.loads((run / "metrics.json").read_text(encoding="utf-8"))["train_seconds"]
 
 
-def measured(
-    file: File, splats: Splats, picture: Callable[[View], Picture], dataset: Dataset, background: float
-) -> dict:
+def row_of(file: File, splats: Splats, found: Mapping[str, float]) -> dict:
     """What a file has and gives, by the names of ``COLUMNS``; times to draw are still to come."""
-    found = mean_metrics(evaluate_views(picture, dataset.test, background))
     size = file.path.stat().st_size
     row = {"curve": file.curve, "run": file.run, "file": file.path.name, "n": splats.n_splats, "n_dog": splats.n_dog}
     row |= {"bytes": size, "bytes_each": round(size / splats.n_splats, 2)}
-    row |= {name: round(found[name], 4) for name in MEASURES}
+    row |= {name: round(found[name], 4) if name in found else None for name in (*MEASURES, LPIPS)}
     return row | {"render_ms": None, "train_seconds": file.train_seconds and round(file.train_seconds, 1)}
 
 
