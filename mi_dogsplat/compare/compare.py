@@ -33,7 +33,7 @@ from .methods import METHODS
 from .numbers import numbers
 from .page import comparison_page
 from .table import COMPARISON, collect_all, write_tables
-from .tasks import Task, tasks_of
+from .tasks import Task, all_tasks
 
 
 def compare(
@@ -74,8 +74,7 @@ def compare(
             write_json(out / COMPARISON, {})  # by which the folder is known
         for folder, path in zip(folders, data, strict=True):
             claim(folder, replace(config, data=str(Path(path).resolve())))
-        tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods, targets)]
-        tasks = [task for task in tasks if not task.done]
+        tasks = [task for task in all_tasks(folders, seeds, methods, targets) if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
         threads = max(1, usable_cores() // workers) if workers and not cluster else 0

@@ -95,6 +95,15 @@ def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str], targets
     return list(dict.fromkeys(tasks))  # seeds may be given twice, as targets may
 
 
+def all_tasks(
+    folders: Sequence[Path], seeds: Sequence[int], methods: Sequence[str], targets: Sequence[float] = ()
+) -> list[Task]:
+    """Tasks of several data sets, each after those that it needs. LPIPS comes last: it takes minutes, and no run waits
+    for it."""
+    tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods, targets)]
+    return sorted(tasks, key=lambda task: task.kind == "lpips")
+
+
 def perform(task: Task, free: Mapping[str, Any]) -> None:
     """Do it, in this process. Raises whatever goes wrong.
 

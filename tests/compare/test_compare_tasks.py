@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from mi_dogsplat.compare import tasks as of_tasks
 from mi_dogsplat.compare.cluster import local_options
 from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import Means, in_a_process
 from mi_dogsplat.compare.method_runs import recipe_of
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.names import method_of
-from mi_dogsplat.compare.tasks import Task, perform, tasks_of
+from mi_dogsplat.compare.tasks import Task, all_tasks, perform, tasks_of
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.locks import locked
@@ -48,6 +49,14 @@ def test_tasks_wait_for_the_start_and_times_for_all_runs_of_the_same_data_and_se
         assert all(other.seed_folder == task.seed_folder for other in needed)
         assert len(needed) == {"start": 0, "train": 1, "time": 3}[task.kind]
         assert all(tasks.index(other) < tasks.index(task) for other in needed)  # so that they can go in this order
+
+
+def test_lpips_of_all_data_and_seeds_comes_last(tmp_path, monkeypatch):
+    (tmp_path / "weights.npz").touch()
+    monkeypatch.setattr(of_tasks, "weights_path", lambda: tmp_path / "weights.npz")
+    tasks = all_tasks([tmp_path / "a", tmp_path / "b"], (0, 1), ("3dgs", "ours"))
+    assert [task.kind for task in tasks] == 4 * ["start", "train", "train", "time"] + 4 * ["lpips"]
+    assert all(tasks.index(other) < tasks.index(task) for task in tasks for other in tasks if task.needs(other))
 
 
 def test_seeds_and_targets_that_are_given_twice_are_done_once(tmp_path):
