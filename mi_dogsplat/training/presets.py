@@ -159,6 +159,11 @@ class Recipe:
             raise ValueError(f"Recipe.for_format: this recipe gives {rows} to primitives, which {name} does not hold")
         return self if name == "ply" else replace(self, dog=None, quantisation=Quantisation(name))
 
+    def as_set(self, preconditioned: bool, format: str, growth: float | None) -> Recipe:
+        """The recipe as the settings of a run of these names change it. Raises ``ValueError`` where they cannot."""
+        recipe = (self.preconditioned() if preconditioned else self).for_format(format)
+        return recipe if growth is None else recipe.growing(growth)
+
     def growing(self, share: float, gain: float = GROWTH_GAIN) -> Recipe:
         """The recipe with densification that ends after that share of the steps, which are ``gain`` times as large.
 
