@@ -110,7 +110,7 @@ class DogSplatIntegrator(SplatIntegrator):
 
     def sees_surfaces(self, scene: mi.Scene) -> bool:
         others = len(scene.shapes()) - len(dog_shapes(scene))
-        if others and self.nested is None and not self._warned:
+        if others and self.nested is None and self.warns and not self._warned:
             log: Any = mi.Log
             unseen = counted(others, "other shape")
             log(mi.LogLevel.Warn, f"dogsplat: {unseen} not seen; nest an integrator, such as path")

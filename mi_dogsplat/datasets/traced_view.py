@@ -83,8 +83,17 @@ def first_seen(
 
 
 def median_depth(mi: Any, scene: Any, shot: Shot) -> np.ndarray:
-    """Depth float64 [H, W] of the splats of a scene along the view axis; 0 where they let more than half through."""
-    integrator = mi.load_dict({"type": "dogsplat", "aovs": "median_depth", "near_clip": shot.near_clip})
+    """Depth float64 [H, W] of the splats of a scene along the view axis; 0 where they let more than half through.
+
+    They are drawn as the scene's own integrator draws them, which knows splats.
+    """
+    own = scene.integrator()
+    drawn = own.drawn_as(scene)
+    integrator = mi.load_dict({
+        "type": "dogsplat", "aovs": "median_depth", "near_clip": drawn.near_clip, "antialiased": drawn.antialiased,
+        "srgb_primitives": not drawn.linear, "negative_transmittance": own.negative_transmittance,
+    })  # fmt: skip
+    integrator.warns = False  # of surfaces, which are met apart
     sensor = mi.load_dict(sensor_of(mi, shot, False))
     with interruptible():
         mi.render(scene, sensor=sensor, integrator=integrator, spp=1)
