@@ -69,11 +69,13 @@ def first_seen(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the centres of the pixels see: (points float64 [H, W, 3] in the world, whether there is one [H, W]).
 
-    Of surfaces the first; ``splats``: or where splats before it leave half of the light.
+    Of surfaces the first; ``splats``: or where splats before it leave half of the light. Then surfaces are seen only if
+    the scene's own integrator shows them.
     """
     points, found = first_surfaces(mi, scene, shot, through_emitters)
     if not splats:
         return points, found
+    found &= scene.integrator().sees_surfaces(scene)
     depth, camera = median_depth(mi, scene, shot), shot.camera  # [H, W]
     row, column = np.indices(depth.shape) + 0.5
     x, y = (column - camera.cx) / camera.fx * depth, (row - camera.cy) / camera.fy * depth

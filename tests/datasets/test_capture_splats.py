@@ -16,6 +16,7 @@ from splat_scenes import make_splats, rounded
 STILL_LIFE = Path(__file__).parents[2] / "scenes" / "still_life.xml"
 BEFORE, BOARD, BEHIND = 2.0, 2.5, 3.0  # depths
 DOGSPLAT = '<integrator type="dogsplat"><integrator type="direct"/></integrator>'
+ALONE = '<integrator type="dogsplat"/>'
 PATH = '<integrator type="path"/>'
 DOGPATH = '<integrator type="dogpath"/>'
 SCENE = """<scene version="3.0.0">{}<shape type="dog"><string name="filename" value="model.ply"/></shape>
@@ -40,10 +41,13 @@ def test_a_scene_of_splats_can_be_captured_without_points(tmp_path):
     assert "ply_file_path" not in json.loads((tmp_path / "out" / "transforms.json").read_text())
 
 
-@pytest.mark.parametrize("integrator, left", [(DOGSPLAT, BEFORE), (DOGPATH, BEFORE), (PATH, BOARD)])
-def test_depth_is_that_of_splats_where_they_hide_what_is_behind(tmp_path, integrator, left):
+@pytest.mark.parametrize(
+    "integrator, left, right",
+    [(DOGSPLAT, BEFORE, BOARD), (DOGPATH, BEFORE, BOARD), (PATH, BOARD, BOARD), (ALONE, BEFORE, BEHIND)],
+)
+def test_depth_is_that_of_splats_where_they_hide_what_is_behind(tmp_path, integrator, left, right):
     """Splats cover the left half before a board, faint ones all of it, and a dense wall stands behind: only the first
-    are seen, and only by integrators that know splats."""
+    are seen, and only by integrators that know splats; the wall by one that shows no board."""
     x, y = np.meshgrid(np.arange(-1.5, 1.51, 0.1), np.arange(-1.5, 1.51, 0.1))
     places = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
     layers = [places[places[:, 0] < -0.15] + (0, 0, BEFORE), places + (0, 0, 1), places + (0, 0, BEHIND)]
@@ -55,10 +59,10 @@ def test_depth_is_that_of_splats_where_they_hide_what_is_behind(tmp_path, integr
     settings = CaptureConfig(path=str(tmp_path / "cameras.json"), depth="npy", spp=1, points=300)
     depth = np.load(capture(tmp_path / "scene.xml", tmp_path / "out", settings) / "depth" / "000.npy")
     np.testing.assert_allclose(depth[:, :10], left, rtol=1e-6)
-    np.testing.assert_allclose(depth[:, 18:], BOARD, rtol=1e-6)
+    np.testing.assert_allclose(depth[:, 18:], right, rtol=1e-6)
     points = load_dataset(tmp_path / "out").points
     kinds = {round(float(z), 4) for z in points[:, 2]}
-    assert kinds == {left, BOARD} and (points[points[:, 2] == BOARD, 0].min() < -0.3) == (left == BOARD)
+    assert kinds == {left, right} and (points[points[:, 2] == right, 0].min() < -0.3) == (left == right)
 
 
 def test_depth_is_that_of_splats_as_the_integrator_of_the_scene_draws_them(tmp_path, capfd):
