@@ -41,7 +41,8 @@ class DogSplatIntegrator(SplatIntegrator):
 
      * - hide_emitters
        - |bool|
-       - Do not show the environment behind the splats; surfaces are lit by it all the same. (Default: false)
+       - Do not show the environment, and shapes that emit light, to the camera; surfaces are lit by them all the same.
+         (Default: false)
 
      * - negative_transmittance
        - |bool|

@@ -243,7 +243,7 @@ class SplatIntegrator(ADIntegrator):
 
     def hidden_lights(self) -> bool:
         """Whether rays of the camera pass through emitters that are shapes."""
-        return False
+        return self.hide_emitters
 
     def over_background(self, colors: list, T: mi.Float, drawn: Drawn) -> list:
         """Splats over the environment emitter, blended in the primitives' colour space."""
