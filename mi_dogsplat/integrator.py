@@ -92,6 +92,8 @@ class DogSplatIntegrator(SplatIntegrator):
 
     def __init__(self, props: Any):
         super().__init__(props)
+        if paths := [name for name in ("max_depth", "rr_depth") if name in props]:  # which Mitsuba's base class takes
+            raise RuntimeError(f'dogsplat: "{paths[0]}" is of integrators that trace paths; give it to the nested one')
         objects = [props[name] for name in props.keys() if props.type(name) == mi.Properties.Type.Object]
         nested = [value for value in objects if isinstance(value, mi.Integrator)]
         if others := [value.class_name() for value in objects if not isinstance(value, mi.Integrator)]:
