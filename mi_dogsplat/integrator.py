@@ -41,7 +41,8 @@ class DogSplatIntegrator(SplatIntegrator):
 
      * - hide_emitters
        - |bool|
-       - Do not show the environment behind the splats; surfaces are lit by it all the same. (Default: false)
+       - Do not show the environment, and shapes that emit light, to the camera; surfaces are lit by them all the same.
+         (Default: false)
 
      * - negative_transmittance
        - |bool|
@@ -91,6 +92,8 @@ class DogSplatIntegrator(SplatIntegrator):
 
     def __init__(self, props: Any):
         super().__init__(props)
+        if paths := [name for name in ("max_depth", "rr_depth") if name in props]:  # which Mitsuba's base class takes
+            raise RuntimeError(f'dogsplat: "{paths[0]}" is of integrators that trace paths; give it to the nested one')
         objects = [props[name] for name in props.keys() if props.type(name) == mi.Properties.Type.Object]
         nested = [value for value in objects if isinstance(value, mi.Integrator)]
         if others := [value.class_name() for value in objects if not isinstance(value, mi.Integrator)]:
@@ -110,7 +113,7 @@ class DogSplatIntegrator(SplatIntegrator):
 
     def sees_surfaces(self, scene: mi.Scene) -> bool:
         others = len(scene.shapes()) - len(dog_shapes(scene))
-        if others and self.nested is None and not self._warned:
+        if others and self.nested is None and self.warns and not self._warned:
             log: Any = mi.Log
             unseen = counted(others, "other shape")
             log(mi.LogLevel.Warn, f"dogsplat: {unseen} not seen; nest an integrator, such as path")

@@ -290,7 +290,8 @@ def _start_as_a_point(mesh: Any) -> None:
     """Construct a mesh of one triangle without area.
 
     Rays never meet it, and Mitsuba's vectorised calls, which also trace the meshes of other scenes, find no empty
-    buffer. Mitsuba 3.10 has no constructor with counts; it fills what was constructed empty.
+    buffer. Mitsuba 3.10 has no constructor with counts; it fills what was constructed empty. The attribute keeps
+    Mitsuba's loader from merging two shapes of equal parameters into one plain mesh, without primitives.
     """
     if hasattr(mesh, "from_fields"):
         mi.Mesh.__init__(mesh, mi.Properties())
@@ -298,6 +299,7 @@ def _start_as_a_point(mesh: Any) -> None:
         mesh.from_fields(faces=corners(np.zeros((1, 3), np.uint32)), positions=device_tensor(np.zeros((3, 3))))
     else:
         mi.Mesh.__init__(mesh, "dog", vertex_count=3, face_count=1)
+    mesh.add_attribute("face_dog", 1, [0.0])
 
 
 mi.register_shape("dog", lambda props: DogShape(props))

@@ -109,7 +109,9 @@ def read_image(path: Path) -> np.ndarray:
                 levels = np.asarray(image)  # [H, W]
                 if levels.min() < 0 or levels.max() > 65535:
                     raise ValueError("whole numbers beyond 16 bits have no display range")
-                return np.repeat((levels.astype(np.float32) / 65535)[..., None], 3, axis=2)
+                grey = np.repeat((levels.astype(np.float32) / 65535)[..., None], 3, axis=2)
+                shown = _shown(image, levels)
+                return grey if shown is None else np.concatenate([grey * shown, shown], axis=2)
             alpha = "A" in image.getbands() or "transparency" in image.info
             colors = as_srgb(in_rgb(image, space, "RGBA" if alpha else "RGB"), space)
             pixels = np.asarray(colors, dtype=np.float32) / 255  # [H, W, 3 or 4]
@@ -118,6 +120,13 @@ def read_image(path: Path) -> np.ndarray:
     if pixels.shape[2] == 4:
         pixels[..., :3] *= pixels[..., 3:]
     return pixels
+
+
+def _shown(image: Image.Image, levels: np.ndarray) -> np.ndarray | None:
+    """Alpha [H, W, 1] of 16-bit grey ``levels`` [H, W], 0 where they are the one that a PNG may name as transparent;
+    None where it names none. Pillow turns whole numbers into RGBA by cutting off what is above 255."""
+    level = image.info.get("transparency")
+    return None if level is None else (levels != level).astype(np.float32)[..., None]
 
 
 def straight_color(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -153,6 +162,9 @@ def is_opaque(path: Path) -> bool:
         return bool((read_exr(path)[..., 3] == 1).all())
     try:
         with open_image(path) as image:
+            if image.mode.startswith("I"):
+                shown = _shown(image, np.asarray(image))
+                return shown is None or bool(shown.all())
             return image.convert("RGBA").getchannel("A").getextrema() == (255, 255)
     except UNREADABLE as error:
         raise _corrupt(path, error) from error

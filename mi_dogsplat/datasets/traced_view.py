@@ -69,11 +69,13 @@ def first_seen(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the centres of the pixels see: (points float64 [H, W, 3] in the world, whether there is one [H, W]).
 
-    Of surfaces the first; ``splats``: or where splats before it leave half of the light.
+    Of surfaces the first; ``splats``: or where splats before it leave half of the light. Then surfaces are seen only if
+    the scene's own integrator shows them.
     """
     points, found = first_surfaces(mi, scene, shot, through_emitters)
     if not splats:
         return points, found
+    found &= scene.integrator().sees_surfaces(scene)
     depth, camera = median_depth(mi, scene, shot), shot.camera  # [H, W]
     row, column = np.indices(depth.shape) + 0.5
     x, y = (column - camera.cx) / camera.fx * depth, (row - camera.cy) / camera.fy * depth
@@ -83,8 +85,17 @@ def first_seen(
 
 
 def median_depth(mi: Any, scene: Any, shot: Shot) -> np.ndarray:
-    """Depth float64 [H, W] of the splats of a scene along the view axis; 0 where they let more than half through."""
-    integrator = mi.load_dict({"type": "dogsplat", "aovs": "median_depth", "near_clip": shot.near_clip})
+    """Depth float64 [H, W] of the splats of a scene along the view axis; 0 where they let more than half through.
+
+    They are drawn as the scene's own integrator draws them, which knows splats.
+    """
+    own = scene.integrator()
+    drawn = own.drawn_as(scene)
+    integrator = mi.load_dict({
+        "type": "dogsplat", "aovs": "median_depth", "near_clip": drawn.near_clip, "antialiased": drawn.antialiased,
+        "srgb_primitives": not drawn.linear, "negative_transmittance": own.negative_transmittance,
+    })  # fmt: skip
+    integrator.warns = False  # of surfaces, which are met apart
     sensor = mi.load_dict(sensor_of(mi, shot, False))
     with interruptible():
         mi.render(scene, sensor=sensor, integrator=integrator, spp=1)

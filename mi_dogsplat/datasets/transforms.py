@@ -201,7 +201,7 @@ def _named_in(file: Path, content: dict[str, Any], sources: list[ViewSource], ke
 def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
     """Camera of a frame (top-level values already merged in). Raises ``DataError`` or ``ValueError``."""
     stated = "w" in frame and "h" in frame
-    width, height = (int(frame["w"]), int(frame["h"])) if stated else image_size(image_path)
+    width, height = (int(_number(frame, "w")), int(_number(frame, "h"))) if stated else image_size(image_path)
     fx = _focal(frame, "fl_x", "camera_angle_x", width)
     fy = _focal(frame, "fl_y", "camera_angle_y", height)
     if fx is None and fy is None:
@@ -210,7 +210,7 @@ def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
         )
     fx, fy = fx or fy, fy or fx  # one focal length means square pixels
     assert fx is not None and fy is not None
-    cx, cy = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
+    cx, cy = _number(frame, "cx", width / 2), _number(frame, "cy", height / 2)
     w2c = opengl_c2w_to_opencv_w2c(frame["transform_matrix"])
     if MITSUBA in frame:  # half a turn about y
         w2c = OPENGL_FROM_MITSUBA @ w2c
@@ -222,7 +222,7 @@ def _lens(file: Path, frame: dict[str, Any]) -> Lens:
     model = next((key for key in OTHER_LENSES if frame.get(key, False) is not False), None)
     model = model or frame.get("camera_model", "PINHOLE")
     fisheye = bool(frame.get("is_fisheye")) or model in FISHEYES
-    k, p = ([float(frame.get(f"{letter}{i}", 0)) for i in range(1, n)] for letter, n in (("k", 7), ("p", 3)))
+    k, p = ([_number(frame, f"{letter}{i}", 0) for i in range(1, n)] for letter, n in (("k", 7), ("p", 3)))
     known = model in LENSES + FISHEYES or (model == "FULL_OPENCV" and not any(k + p))
     if not known or any(k[4:]) or (fisheye and any(p)):
         named = ", ".join(LENSES + FISHEYES)
@@ -234,10 +234,22 @@ def _lens(file: Path, frame: dict[str, Any]) -> Lens:
 
 def _focal(frame: dict[str, Any], pixels_key: str, angle_key: str, size: int) -> float | None:
     if pixels_key in frame:
-        return float(frame[pixels_key])
+        return _number(frame, pixels_key)
     if angle_key in frame:
-        return 0.5 * size / math.tan(0.5 * float(frame[angle_key]))
+        angle = _number(frame, angle_key)
+        if not 0 < angle < math.pi:
+            raise ValueError(f'"{angle_key}" is {angle:g}, no angle of view in radians')
+        return 0.5 * size / math.tan(0.5 * angle)
     return None
+
+
+def _number(frame: dict[str, Any], key: str, default: float | None = None) -> float:
+    """What a frame says, or the default. Raises ``ValueError`` that names the key."""
+    value = frame.get(key, default)
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f'"{key}" is {value!r:.80}, no number') from None
 
 
 def _points(

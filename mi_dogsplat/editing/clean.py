@@ -80,6 +80,7 @@ def clean_model(
         raise DataError("--mixed-sh", "only PLY has SH degrees of single primitives", "name a file that ends in .ply")
     read = read_source(model, out, "clean")
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
+    options.require_for(drawn.linear)
     drawing = world.over(options.drawing.over(read.drawing), data)
     dataset = load_dataset(data, options.shrink) if data else None
     views = dataset.train if dataset else []

@@ -78,6 +78,7 @@ def export_model(
     read = read_source(model, out, "export")
     drawing = world.over(options.drawing.over(read.drawing), data)
     stages, drawn = stages_of(read.splats, config), drawn_as(drawing)
+    options.require_for(drawn.linear)
     left_out = [*(f"{model.name}: {line}" for line in read.left_out), *taken_out(stages, chosen)]
     plain, seconds = list(stages.values())[-1], None
     steps = _steps(config, plain is not read.splats)

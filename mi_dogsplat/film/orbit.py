@@ -77,7 +77,7 @@ def orbit(around: Surroundings, config: FilmConfig) -> CameraPath:
         position = around.centre + distance * (math.cos(elevation) * level + math.sin(elevation) * around.up)
         return Lens(inverse_rigid(look_at(position, around.centre, around.up)), around.focal)
 
-    return CameraPath(at, True, f"an orbit, {math.degrees(elevation):.0f} degrees above the horizon")
+    return CameraPath(at, True, f"an orbit, {round(math.degrees(elevation))} degrees above the horizon")
 
 
 def stand_all_around(cameras: Sequence[Camera], up: np.ndarray) -> bool:

@@ -113,7 +113,7 @@ def _row_features(
 def _shift_feature(parts: list[Splats]) -> Feature:
     """Places that depend on the view are found once for each primitive: pixels know nothing of them."""
     n, m = sum(s.n_splats for s in parts), sum(s.n_shifts for s in parts)
-    share = f"{count(m)} of {count(n)} primitives"
+    share = f"{count(m)} of {counted(n, 'primitive')}"
     if m == 0:
         return Feature("shifts", LEFT_OUT, share)
     each = [primitive_operations(RasterOptions(0), False, mi.variant(), shifts=shifts) for shifts in (True, False)]

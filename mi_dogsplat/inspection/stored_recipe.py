@@ -48,10 +48,8 @@ def _recipe_of_preset(path: Path, config: dict[str, Any]) -> Recipe:
     if config["preset"] not in RECIPES:
         problem = f'its preset "{config["preset"]}" is unknown'
         raise DataError(path / CONFIG, problem, "use the version of dogsplat that made it")
-    recipe = RECIPES[config["preset"]]
-    recipe = recipe.preconditioned() if config["preconditioned"] else recipe
     try:
-        recipe = recipe.for_format(config["format"])
+        recipe = RECIPES[config["preset"]].as_set(config["preconditioned"], config["format"], config["growth"])
     except ValueError as error:
         raise DataError(path / CONFIG, f"does not fit together ({error})", REMEDY) from None
     return recipe if config["model"] is None else recipe.from_pruning()

@@ -151,9 +151,6 @@ class DogPathIntegrator(SplatIntegrator):
             seen = ratios.seen_by(view_pass.camera, model.params)
         return dimmed(model.params, seen, model.drawn_as.linear)
 
-    def hidden_lights(self) -> bool:
-        return self.hide_emitters
-
     def over_surfaces(self, frame: Frame, seen: Surfaces, drawn: Drawn) -> list:
         T = frame.T
         light = emitted(frame.colors, drawn.uncovered(T), drawn.linear)

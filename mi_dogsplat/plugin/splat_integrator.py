@@ -37,7 +37,8 @@ class SplatIntegrator(ADIntegrator):
     What other shapes look like, how they show through splats, and what they do to them, is for its children to say:
     ``sees_surfaces``, ``over_surfaces`` and ``shown_params``. ``on_pass``, where it is set, is called after each of
     several passes with the number of those that are done, and of all. ``masks``, where they are set, say what the
-    camera sees otherwise than light does, without derivatives; then the film has one more channel.
+    camera sees otherwise than light does, without derivatives; then the film has one more channel. ``warns``: whether
+    Mitsuba's logger is told of shapes that are not drawn.
     """
 
     name: str  # of the plugin, in messages
@@ -51,6 +52,7 @@ class SplatIntegrator(ADIntegrator):
         self.negative_transmittance = given(props, "negative_transmittance", bool, True)
         self.on_pass: Any = None
         self.masks: CameraMasks | None = None
+        self.warns = True
         self._sensors, self._last = SensorReader(), LastFrame()
         self._looked_for_instances = False
         try:
@@ -188,7 +190,7 @@ class SplatIntegrator(ADIntegrator):
 
     def _model(self, scene: mi.Scene) -> SplattedModel:
         shapes = dog_shapes(scene)
-        if not self._looked_for_instances:
+        if self.warns and not self._looked_for_instances:
             self._looked_for_instances = True
             warn_of_instances(self.name, scene)
         if not shapes:
@@ -241,7 +243,7 @@ class SplatIntegrator(ADIntegrator):
 
     def hidden_lights(self) -> bool:
         """Whether rays of the camera pass through emitters that are shapes."""
-        return False
+        return self.hide_emitters
 
     def over_background(self, colors: list, T: mi.Float, drawn: Drawn) -> list:
         """Splats over the environment emitter, blended in the primitives' colour space."""

@@ -36,7 +36,7 @@ MISFITS = "train/misfits.json"  # training images that do not fit (runs/misfits.
 
 # Settings by which others draw the model of a run and find its data; the rest are only shown.
 FOLLOWED = ("data", "preset", "split", "downscale", "data_on_disk", "background", "antialiased", "near_clip", "white")
-FOLLOWED += ("up", "unit", "format", "preconditioned")
+FOLLOWED += ("up", "unit", "format", "preconditioned", "growth")
 REMEDY = "restore or delete it, then try again"
 LARGEST = 1e30  # what a run measures is far below
 # Parts of the files that others rely on: objects with their own parts, under given names or any, and lists of numbers.

@@ -49,8 +49,10 @@ def evaluate_model(
     """
     require_arrays()
     read = read_model(model)
+    splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
+    options.require_for(drawn.linear)
     dataset = load_dataset(data, options.shrink, on_disk=data_on_disk)
-    splats, drawn = read.splats, drawn_as(options.drawing, read.drawing).beside(dataset.white)
+    drawn = drawn.beside(dataset.white)
     background = background_color(options.background, dataset.has_alpha)
     folder = Path(out) if out else None
     if folder:

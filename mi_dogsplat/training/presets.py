@@ -159,12 +159,18 @@ class Recipe:
             raise ValueError(f"Recipe.for_format: this recipe gives {rows} to primitives, which {name} does not hold")
         return self if name == "ply" else replace(self, dog=None, quantisation=Quantisation(name))
 
+    def as_set(self, preconditioned: bool, format: str, growth: float | None) -> Recipe:
+        """The recipe as the settings of a run of these names change it. Raises ``ValueError`` where they cannot."""
+        recipe = (self.preconditioned() if preconditioned else self).for_format(format)
+        return recipe if growth is None else recipe.growing(growth)
+
     def growing(self, share: float, gain: float = GROWTH_GAIN) -> Recipe:
         """The recipe with densification that ends after that share of the steps, which are ``gain`` times as large.
 
         What follows keeps its distance from the end of densification, so refinement is as much longer as growth is
         shorter. Larger steps make larger gradients, so the threshold of density control grows with their root, and
-        the number of primitives stays about the same (docs/experiments/growth.md).
+        the number of primitives stays about the same (docs/experiments/growth.md). Of a recipe that has such a growth
+        already both are those of the new one.
 
         Raises ``ValueError`` for a share that leaves no growth, or no steps behind the last milestone.
         """
@@ -173,9 +179,10 @@ class Recipe:
             raise ValueError(f"Recipe.growing: a share of {share:g} leaves no step to grow")
         steps = density.stop - stop
         refinement = self.refinement or Refinement(density.stop, gain=1.0, end_gain=1.0, means_gain=1.0)
+        threshold = density.gradient_threshold * math.sqrt(gain / refinement.growth_gain)
         sooner = replace(
             self,
-            densification=replace(density, stop=stop, gradient_threshold=density.gradient_threshold * math.sqrt(gain)),
+            densification=replace(density, stop=stop, gradient_threshold=threshold),
             refinement=replace(refinement.earlier(steps), growth_gain=gain),
             preconditioning=self.preconditioning and self.preconditioning.earlier(steps),
             **self._earlier(steps),

@@ -32,9 +32,7 @@ def recipe_of_run(config: TrainConfig, recipe: Recipe | None) -> Recipe:
 
     Raises ``ValueError`` for one that does not go with the format of the file, or with a model to prune.
     """
-    recipe = recipe or RECIPES[config.preset]
-    recipe = (recipe.preconditioned() if config.preconditioned else recipe).for_format(config.format)
-    recipe = recipe if config.growth is None else recipe.growing(config.growth)
+    recipe = (recipe or RECIPES[config.preset]).as_set(config.preconditioned, config.format, config.growth)
     bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
     density = replace(recipe.densification, **bounds, batch_views=config.batch_views)
     also = (*recipe.also, PoseRefinement()) if config.refine_poses else recipe.also

@@ -73,6 +73,22 @@ def test_sixteen_bit_grey_and_palette_images_are_read(tmp_path):
     np.testing.assert_allclose(read_image(tmp_path / "palette.png")[0, 0], (1, 0, 0))
 
 
+@pytest.mark.parametrize("on_disk", [False, True])
+@pytest.mark.parametrize(("level", "hidden"), [(0, True), (65535, False)])
+def test_the_level_of_sixteen_bit_grey_that_is_transparent_has_no_alpha(tmp_path, level, hidden, on_disk):
+    grey = np.full((HEIGHT, WIDTH), 700, np.uint16)
+    grey[:3] = 0
+    transforms_folder(tmp_path)
+    for path in (tmp_path / "images").iterdir():
+        Image.fromarray(grey).save(path, transparency=level)
+    dataset = load_dataset(tmp_path, on_disk=on_disk)
+    image = dataset.train[0].image
+    assert dataset.has_alpha == hidden and image.shape == (HEIGHT, WIDTH, 4 if hidden else 3)
+    np.testing.assert_allclose(image[..., :3], np.repeat(grey[..., None] / 65535, 3, axis=2), rtol=1e-6)
+    if hidden:
+        np.testing.assert_array_equal(image[..., 3], grey > 0)
+
+
 @pytest.mark.parametrize("beyond", [65536, -1])
 def test_whole_numbers_beyond_sixteen_bits_are_refused(tmp_path, beyond):
     levels = np.array([[0, 65535]], np.int32)

@@ -6,14 +6,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tiny_data
 from hdr_data import bright_truth, write_hdr_data
 from mi_dogsplat import write_ply
 from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.editing.clean import clean_model
+from mi_dogsplat.export.export_config import ExportConfig
 from mi_dogsplat.export.losses import losses, views_of
 from mi_dogsplat.export.refine import by_data
+from mi_dogsplat.export.write import export_model
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.runs.evaluation import evaluate_model
 from mi_dogsplat.scene.drawing import DrawnAs
+from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.viewer.renderer import Renderer
 from mi_dogsplat.viewer.view_state import ERROR, MODEL, PHOTOGRAPH, Pose, Settings
 from scipy.spatial.transform import Rotation
@@ -56,6 +61,20 @@ def test_eval_measures_no_error_on_white_either(data, drawn, tmp_path):
     options = PictureOptions(near_clip=0.05, linear=True, white=drawn.white)
     for view in evaluate_model(tmp_path / "model.ply", data, options=options).values():
         assert view["psnr"] > 70 and view["psnr_mu"] > 70
+
+
+def test_a_white_of_colours_that_are_no_radiance_is_refused_and_gets_into_no_file(tmp_path):
+    data, model, out = tiny_data.write_tiny_data(tmp_path / "data"), tmp_path / "model.ply", tmp_path / "out.ply"
+    write_ply(model, tiny_data.truth())
+    options = PictureOptions(white=3.0)
+    for refused in (
+        lambda: evaluate_model(model, data, options=options),
+        lambda: clean_model(model, out, options=options),
+        lambda: export_model(model, out, ExportConfig(refine=0), options=options),
+    ):
+        with pytest.raises(DataError, match="--white: is of linear radiance, and the colours of the model are sRGB"):
+            refused()
+    assert not out.exists()
 
 
 def test_the_viewer_shows_the_photograph_as_it_shows_the_model(dataset, drawn):

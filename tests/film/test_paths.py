@@ -102,11 +102,12 @@ def test_an_orbit_around_a_point_far_from_the_origin_has_cameras():
         assert path.at(share).camera(64, 48).project(model.means[:1])[0][0] == pytest.approx([32, 24], abs=0.01)
 
 
-@pytest.mark.parametrize("elevation", [-30.0, 0.0, 70.0])
-def test_an_orbit_is_a_level_circle_that_looks_at_the_model(elevation):
+@pytest.mark.parametrize(("elevation", "said"), [(-30.0, "-30"), (0.0, "0"), (-1e-14, "0"), (70.0, "70")])
+def test_an_orbit_is_a_level_circle_that_looks_at_the_model(elevation, said):
     model = tiny_data.truth()
     centre, radius = robust_sphere(model)
     path = orbit(around_model(model, Z, 50), FilmConfig(elevation=elevation))
+    assert path.what == f"an orbit, {said} degrees above the horizon"
     around = around_model(model, Z, 50)
     shares = np.linspace(0, 1, 37)
     offsets = positions(path, shares) - centre

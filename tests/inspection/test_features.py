@@ -120,6 +120,8 @@ def test_shifts_are_needed_by_the_primitives_that_have_them_and_cost_pixels_noth
     said = r"10 of 80 primitives; each 12 parameters, 52 bytes, (\d+) operations; and 4 bytes for its row in each of 80"
     cost = re.fullmatch(said, reason)
     assert cost and 30 < int(cost[1]) < 200
+    alone = stated([str(f) for f in model_features([splats.select(np.array([0]))])])["shifts"]
+    assert alone[1].startswith("1 of 1 primitive; ")
     splats.view_shifts[:3] = 0
     unneeded = stated([str(f) for f in model_features([splats])])["shifts that are zero"]
     assert unneeded == ("paid, not needed", "3, 156 bytes; dogsplat clean takes them out")

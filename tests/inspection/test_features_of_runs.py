@@ -47,6 +47,22 @@ def test_preconditioned_steps_come_after_training_dog_in_a_run_from_a_model_too(
     assert found["preconditioned steps"][1] == f"from {part} of the run on, left out before"
 
 
+@pytest.mark.parametrize(("preset", "growth", "grown", "given"), [("ours", 0.2, 20, 30), ("ours_early", 0.3, 30, 40)])
+def test_a_run_whose_growth_was_shorter_is_told_so_with_all_that_came_earlier(tmp_path, preset, growth, grown, given):
+    write_run(tmp_path, False, background="black", preset=preset, growth=growth)
+    found = stated(describe_features(tmp_path))
+    assert found["densification"][1].startswith(f"to {grown}% of the run")
+    assert found["pruning"][1] == f"from {grown}% of the run on, left out before"
+    assert found["training DoG"][1] == f"from {given}% of the run on, left out before"
+
+
+@pytest.mark.parametrize("growth", ["half", 2, [0.3]])
+def test_a_growth_that_no_run_writes_is_one_line(tmp_path, growth):
+    write_run(tmp_path, False, growth=growth)
+    with pytest.raises(DataError, match=r'config\.json: "growth" is not what a run writes; '):
+        describe_features(tmp_path)
+
+
 def test_a_file_that_holds_no_dog_needs_no_training_of_them(tmp_path):
     write_run(tmp_path, False, background="black", format="sog")
     assert stated(describe_features(tmp_path))["training DoG"] == ("left out", "not in the recipe")

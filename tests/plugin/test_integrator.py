@@ -244,6 +244,8 @@ def test_wrong_use_is_refused_with_a_line_that_says_why():
         ({"near_clip": float("nan")}, "near_clip"),
         ({"near_clip": float("inf")}, "near_clip"),
         ({"ball": {"type": "sphere"}}, "dogsplat: it nests an integrator and no Sphere"),
+        ({"max_depth": 5}, 'dogsplat: "max_depth" is of integrators that trace paths; give it to the nested one'),
+        ({"rr_depth": 5}, 'dogsplat: "rr_depth" is of integrators that trace paths; give it to the nested one'),
         ({"antialiased": "false"}, 'dogsplat: "antialiased" is \'false\', it must be true or false'),
         ({"aovs": True}, '"aovs" is True, it must be a string'),
         ({"samples": 3}, "samples"),

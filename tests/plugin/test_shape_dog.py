@@ -15,7 +15,16 @@ from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.engine.project import NO_ROW
 from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.transform import transformed
-from splat_scenes import axis_rotation, dog_dict, make_splats, random_splats, rounded, scalar_transform
+from splat_scenes import (
+    axis_rotation,
+    dog_dict,
+    make_splats,
+    random_splats,
+    rounded,
+    scalar_transform,
+    scene_of,
+    square_camera,
+)
 
 MODEL = rounded(random_splats(12, seed=1, degree=2))
 PLAIN = rounded(random_splats(7, seed=2, degree=1, dog_share=0))
@@ -51,6 +60,23 @@ def test_a_file_gives_the_same_model_from_a_dict_and_from_xml(tmp_path, model):
     expected = read_ply(tmp_path / "model.ply")
     for shape in (from_dict, scene.shapes()[0]):
         assert_equal(shape.to_splats(), expected)
+
+
+def test_two_shapes_of_equal_parameters_are_both_drawn(tmp_path):
+    """Mitsuba's loader makes one object of them, and would merge meshes of one object."""
+    write_ply(tmp_path / "model.ply", PLAIN)
+    shape = {"type": "dog", "filename": str(tmp_path / "model.ply")}
+    both, joined = (
+        scene_of(PLAIN, square_camera(16, 12, f=14.0), extra=shapes)
+        for shapes in ({"splats": shape, "again": shape}, {"splats": dog_dict(PLAIN.joined(PLAIN))})
+    )
+    assert len(both.shapes()) == 2
+    np.testing.assert_allclose(np.array(mi.render(both)), np.array(mi.render(joined)), atol=1e-6)
+    (tmp_path / "scene.xml").write_text(
+        '<scene version="3.0.0"><shape type="dog" id="a"><string name="filename" value="model.ply"/></shape>'
+        '<ref id="a"/></scene>')
+    scene: Any = mi.load_file(str(tmp_path / "scene.xml"))
+    assert [shape.to_splats().n_splats for shape in scene.shapes()] == [7, 7]
 
 
 def test_tensors_give_the_model():

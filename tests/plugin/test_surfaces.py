@@ -56,6 +56,18 @@ def test_a_wall_hides_what_is_behind_it_and_shows_behind_what_is_in_front():
     assert np.abs(render(splats, {"wall": wall(2.5)}, srgb_primitives=True) - expected).mean() < 2e-5
 
 
+@pytest.mark.parametrize("nested", ["path", "direct"])
+def test_a_hidden_lamp_neither_ends_splats_nor_covers_what_is_behind(nested):
+    """A wall that shines is left out of the picture as if it were not there, and lights a ball all the same."""
+    splats, film = model(), {"pixel_format": "rgba"}
+    hidden = {"hide_emitters": True, "nested": {"type": nested, "hide_emitters": True}, "film": film}
+    alone = render(splats, {}, film=film)
+    np.testing.assert_allclose(render(splats, {"wall": wall(2.5)}, **hidden), alone, atol=1e-6)
+    ball = {"type": "sphere", "center": [0.0, 0.0, 8.0], "radius": 1.0}
+    lit = render(splats.select(np.zeros(0, int)), {"wall": wall(2.5, turn=180), "ball": ball}, spp=4, **hidden)
+    assert lit[8, 10, 3] == 1 and lit[8, 10, 2] > 0.01 and lit[0, 0].max() == 0
+
+
 def test_a_slanted_wall_cuts_each_pixel_at_its_own_depth():
     """The oracle asks, pixel by pixel, where its ray meets the plane x sin + (z - 3) cos = 0."""
     splats, turn = model(60, dog_share=0.3), np.radians(50)

@@ -10,6 +10,7 @@ from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.presets import GIVEN, RECIPES, Recipe
+from mi_dogsplat.training.resolve import recipe_of_run
 from mi_dogsplat.training.strategy.cut_activation import CutRule
 from mi_dogsplat.training.strategy.densify import Densification
 from mi_dogsplat.training.strategy.scheduler import PruningRule
@@ -182,12 +183,18 @@ def test_step_sizes_of_a_shorter_growth_are_larger_and_those_behind_it_are_as_us
     def rates(recipe: Recipe, step: int) -> dict[str, float]:
         return LearningRates(1.0, 10**15, refinement=recipe.refinement).at(step)
 
-    threshold = recipe.densification.gradient_threshold / usual.densification.gradient_threshold
+    threshold = recipe.densification.gradient_threshold / Densification.gradient_threshold
     assert threshold == pytest.approx(math.sqrt(3))  # larger steps, larger gradients
     plain = rates(Recipe(), 0)
     assert rates(recipe, 11_999) == pytest.approx({name: 3 * rate for name, rate in plain.items()})
     begun = rates(usual, usual.refinement.start) if usual.refinement else plain
     assert rates(recipe, 12_000) == pytest.approx(begun)
+
+
+def test_the_shorter_growth_of_a_preset_can_be_asked_for_once_more_and_stays_what_it_is():
+    early = RECIPES["ours_early"]
+    assert recipe_of_run(TrainConfig("data", preset="ours_early", growth=0.35), None) == early
+    assert early.growing(0.2).growing(0.35) == early == RECIPES["ours_shifts"].growing(0.35)
 
 
 def test_a_growth_that_leaves_no_step_to_grow_or_to_refine_is_refused():
