@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.engine.aovs import AOVS, channel_names
+from mi_dogsplat.plugin.splat_integrator import dog_shapes
 from mi_dogsplat.reference import aovs as reference_aovs
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.scene.cameras import Camera, affine
@@ -184,7 +185,7 @@ def test_the_share_of_dog_is_that_of_the_sizes_of_the_weights():
 def test_indices_count_through_all_shapes_of_the_scene():
     parts = [rounded(random_splats(n, seed=n, degree=0, dog_share=0.5)) for n in (20, 35)]
     scene = scene_of(parts[0], CAMERA, aovs="index", extra={"more": dog_dict(parts[1])})
-    in_order = [shape.to_splats() for shape in scene.shapes()]  # type: ignore[attr-defined]
+    in_order = [shape.to_splats() for shape in dog_shapes(scene)]  # by their ids, however Mitsuba lists them
     starts = {0: 0, 1: in_order[0].n_splats}
     both = {name: np.concatenate([getattr(s, name) for s in in_order]) for name in vars(in_order[0])}
     both["dog_index"] = np.concatenate([s.dog_index + starts[k] for k, s in enumerate(in_order)])
