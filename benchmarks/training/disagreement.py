@@ -12,7 +12,9 @@ from pathlib import Path
 
 import numpy as np
 from mi_dogsplat.datasets.colmap import find_model, image_folder
+from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.files import is_empty
 from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
 from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
@@ -32,15 +34,16 @@ def main(argv: list[str]) -> None:
     args = parser.parse_args(argv)
     if args.every < 1:
         parser.error(f"argument --every: {args.every} is not at least 1")
+    if args.out.exists() and not is_empty(args.out):
+        raise DataError(args.out, "is not empty", "name a new folder: photographs are written there")
     model = find_model(args.data)
     if not model:
-        raise SystemExit(f"{args.data}: holds no COLMAP model; give a folder with sparse/0")
+        raise DataError(args.data, "holds no COLMAP model", "give a folder with sparse/0")
     images = image_folder(args.data, model)
     kept = write_model(model, args.out / "sparse" / "0", args.every)
     rng = np.random.default_rng(7)
     for name in kept:
-        with Image.open(images / name) as photograph:
-            pixels = np.asarray(photograph.convert("RGB"), np.float64) / 255
+        pixels = read_image(images / name)[..., :3].astype(np.float64)
         pixels = exposed(moved(pixels, args.moved, rng), args.exposure, rng)
         path = args.out / "images" / name
         path.parent.mkdir(parents=True, exist_ok=True)

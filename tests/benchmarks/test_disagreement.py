@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import srgb_to_linear
 
 from benchmarks.training.disagreement import REACH, exposed, main, moved
@@ -25,6 +26,9 @@ def test_each_photograph_has_another_exposure_within_the_given_one():
     assert exposed(np.ones((1, 1, 3)), 4.0, np.random.default_rng(1)).max() <= 1.0
 
 
-def test_what_is_no_colmap_model_is_refused(tmp_path):
-    with pytest.raises(SystemExit, match="holds no COLMAP model"):
+def test_what_is_no_colmap_model_is_refused_and_no_photograph_overwritten(tmp_path):
+    with pytest.raises(DataError, match="holds no COLMAP model"):
         main([str(tmp_path), "-o", str(tmp_path / "out")])
+    (tmp_path / "photograph.jpg").touch()
+    with pytest.raises(DataError, match="is not empty; name a new folder"):
+        main([str(tmp_path), "-o", str(tmp_path)])
