@@ -42,7 +42,8 @@ def evaluate_model(
         masks: folder of masks, named as the images; black pixels do not count.
         color_correct: also measure PSNR after each view's best colour map.
         data_on_disk: decode images when they are due.
-        options: how the model is drawn, where its file is not to say so; ``downscale`` shrinks the photographs.
+        options: how the model is drawn, where its file is not to say so; ``downscale`` shrinks the photographs, and
+            ``white`` exposes those of linear radiance, too.
         align_poses: also measure PSNR from the pose near that of each view that fits its photograph best.
 
     LPIPS is measured where its weights are installed. Needs a Mitsuba variant. Raises ``DataError``.
@@ -52,6 +53,8 @@ def evaluate_model(
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
     options.require_for(drawn.linear)
     dataset = load_dataset(data, options.shrink, on_disk=data_on_disk)
+    if options.white is not None and dataset.white is not None:
+        dataset = dataset.exposed(options.white)  # as in a training with this white
     drawn = drawn.beside(dataset.white)
     background = background_color(options.background, dataset.has_alpha)
     folder = Path(out) if out else None

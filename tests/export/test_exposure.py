@@ -10,15 +10,20 @@ import tiny_data
 from hdr_data import bright_truth, write_hdr_data
 from mi_dogsplat import write_ply
 from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.editing.clean import clean_model
 from mi_dogsplat.export.export_config import ExportConfig
 from mi_dogsplat.export.losses import losses, views_of
 from mi_dogsplat.export.refine import by_data
 from mi_dogsplat.export.write import export_model
+from mi_dogsplat.measure.evaluate import mean_metrics
+from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.runs.evaluation import evaluate_model
 from mi_dogsplat.scene.drawing import DrawnAs
+from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.srgb import displayed
 from mi_dogsplat.viewer.renderer import Renderer
 from mi_dogsplat.viewer.view_state import ERROR, MODEL, PHOTOGRAPH, Pose, Settings
 from scipy.spatial.transform import Rotation
@@ -61,6 +66,27 @@ def test_eval_measures_no_error_on_white_either(data, drawn, tmp_path):
     options = PictureOptions(near_clip=0.05, linear=True, white=drawn.white)
     for view in evaluate_model(tmp_path / "model.ply", data, options=options).values():
         assert view["psnr"] > 70 and view["psnr_mu"] > 70
+
+
+def test_eval_exposes_images_and_model_by_the_white_that_it_is_given(data, dataset, tmp_path):
+    write_ply(tmp_path / "brighter.ply", brightened(bright_truth(), 1.1))
+
+    def measured(white: float | None) -> float:
+        options = PictureOptions(near_clip=0.05, linear=True, white=white)
+        return mean_metrics(evaluate_model(tmp_path / "brighter.ply", data, options=options))["psnr"]
+
+    def expected(white: float) -> float:
+        return float(np.mean([psnr(*(shown(view, factor, white) for factor in (1.1, 1.0))) for view in dataset.test]))
+
+    def shown(view: View, factor: float, white: float) -> np.ndarray:
+        behind = white * (1 - view.image[..., 3:]) if dataset.has_alpha else 0.0
+        return displayed(factor * view.image[..., :3] + behind, white)
+
+    assert dataset.white is not None
+    bright = 3 * dataset.white
+    assert expected(bright) > expected(dataset.white) + 2
+    assert measured(None) == pytest.approx(expected(dataset.white), abs=0.01)
+    assert measured(bright) == pytest.approx(expected(bright), abs=0.01)
 
 
 def test_a_white_of_colours_that_are_no_radiance_is_refused_and_gets_into_no_file(tmp_path):
