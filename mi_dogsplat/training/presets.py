@@ -127,13 +127,16 @@ class Recipe:
     def preconditioned(self) -> Recipe:
         """The recipe with preconditioned steps once what it gives to primitives has settled, and not while it prunes.
 
-        One that has such steps stays as it is. One that neither prunes nor gives has them from step 18,500 on.
+        One that has such steps stays as it is. One that neither prunes nor gives has them from step 18,500 on, and
+        earlier by as much as its growth ends earlier.
         """
         if self.preconditioning:
             return self
+        grown = Densification().stop
+        usual = ACTIVATION + (self.densification.stop or grown) - grown
         begins = [rule.start for rule in (self.dog, *self.row_rules.values()) if rule]
         begins += [self.pruning.stop] if self.pruning else []
-        return replace(self, preconditioning=replace(PRECONDITIONING, start=max([ACTIVATION, *begins]) + SETTLED))
+        return replace(self, preconditioning=replace(PRECONDITIONING, start=max([usual, *begins]) + SETTLED))
 
     @property
     def row_rules(self) -> dict[str, RowRule]:

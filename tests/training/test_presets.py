@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.scores.score import ScoreRule
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
@@ -100,6 +101,12 @@ def test_any_recipe_can_have_preconditioned_steps_once_it_has_pruned_and_given_r
     assert rule and rule.start >= 500 + max([3000 + grown, *begins, recipe.pruning.stop if recipe.pruning else 0])
     assert recipe.preconditioned() == recipe
     assert dataclasses.replace(recipe, preconditioning=RECIPES[name].preconditioning) == RECIPES[name]
+
+
+@pytest.mark.parametrize("name", ["ours", "ours_gaussian", "3dgs_equal"])
+def test_a_shorter_growth_and_preconditioned_steps_make_the_same_recipe_in_either_order(name):
+    recipe = METHODS[name].recipe
+    assert recipe.growing(0.35).preconditioned() == recipe.preconditioned().growing(0.35)
 
 
 def test_what_ply_alone_holds_is_named():
