@@ -42,7 +42,7 @@ class DogSplatIntegrator(SplatIntegrator):
      * - hide_emitters
        - |bool|
        - Do not show the environment, and shapes that emit light, to the camera; surfaces are lit by them all the same.
-         (Default: false)
+         (Default: as the nested integrator says, else false)
 
      * - negative_transmittance
        - |bool|
@@ -104,6 +104,8 @@ class DogSplatIntegrator(SplatIntegrator):
         if self.nested is not None and not isinstance(self.nested, mi.SamplingIntegrator):
             kind = self.nested.class_name()
             raise RuntimeError(f"dogsplat: a nested {kind} traces no rays of a camera; nest another, such as path")
+        if self.nested is not None and self.nested.hide_emitters:
+            self.hide_emitters = True  # its rays would leave black where they pass through lamps
         # asked now: after a change of the variant, there and back too, Mitsuba's classes in Python are others
         self._by_modes = isinstance(self.nested, ADIntegrator)
         self._warned = False

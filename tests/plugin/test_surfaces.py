@@ -56,11 +56,12 @@ def test_a_wall_hides_what_is_behind_it_and_shows_behind_what_is_in_front():
     assert np.abs(render(splats, {"wall": wall(2.5)}, srgb_primitives=True) - expected).mean() < 2e-5
 
 
+@pytest.mark.parametrize(("own", "of_nested"), [(True, True), (True, False), (False, True)])
 @pytest.mark.parametrize("nested", ["path", "direct"])
-def test_a_hidden_lamp_neither_ends_splats_nor_covers_what_is_behind(nested):
+def test_a_hidden_lamp_neither_ends_splats_nor_covers_what_is_behind(nested, own, of_nested):
     """A wall that shines is left out of the picture as if it were not there, and lights a ball all the same."""
     splats, film = model(), {"pixel_format": "rgba"}
-    hidden = {"hide_emitters": True, "nested": {"type": nested, "hide_emitters": True}, "film": film}
+    hidden = {"hide_emitters": own, "nested": {"type": nested, "hide_emitters": of_nested}, "film": film}
     alone = render(splats, {}, film=film)
     np.testing.assert_allclose(render(splats, {"wall": wall(2.5)}, **hidden), alone, atol=1e-6)
     ball = {"type": "sphere", "center": [0.0, 0.0, 8.0], "radius": 1.0}
