@@ -20,6 +20,7 @@ from ..support.srgb import srgb_to_linear
 from .primaries import ADOBE_RGB, WIDE, Primaries, srgb_levels
 
 CHANNELS = slice(16, 20)  # of the header of a profile, by ICC.1
+GREY_MODES = ("L", "LA")  # of Pillow, with 8 bits
 LEVELS = 6  # of each channel, in the colours by which a profile is compared with sRGB
 EQUAL = 1  # of 255: so much profiles of sRGB differ by their own rounding
 UNCALIBRATED, ADOBE = 65535, "R03"  # ColorSpace and InteroperabilityIndex of EXIF, of Adobe RGB
@@ -54,10 +55,14 @@ def space_of(image: Image.Image) -> bytes | Encoding | None:
 
 
 def in_rgb(image: Image.Image, space: bytes | Encoding | None, mode: str) -> Image.Image:
-    """The pixels of an image as ``mode``, RGB or RGBA, in the colours that they have. Those of CMYK become sRGB.
+    """The pixels of an image as ``mode``, RGB or RGBA, in the colours that they have. Grey and CMYK become sRGB.
 
     Raises ``ValueError`` for CMYK without a profile of it.
     """
+    if image.mode in GREY_MODES and (curve := grey_curve(space)) is not None:
+        pixels = np.array(image.convert(mode))
+        pixels[..., :3] = np.rint(255 * curve).astype(np.uint8)[pixels[..., :3]]
+        return Image.fromarray(pixels)
     if image.mode != "CMYK":
         return image.convert(mode)
     transform = _to_srgb(space, "CMYK", mode) if isinstance(space, bytes) else None
@@ -67,10 +72,17 @@ def in_rgb(image: Image.Image, space: bytes | Encoding | None, mode: str) -> Ima
     return converted
 
 
+def grey_curve(space: bytes | Encoding | None) -> np.ndarray | None:
+    """[256] float32, the sRGB values of grey levels 0 to 255 of a ``space``; None where they are that already, or it is
+    no profile of grey."""
+    return _grey_curve(space) if isinstance(space, bytes) and space[CHANNELS] == b"GRAY" else None
+
+
 def as_srgb(image: Image.Image, space: bytes | Encoding | None) -> Image.Image:
     """An image of mode RGB or RGBA, with the colours of ``space``, in sRGB, clipped to what that can hold.
 
     The same image without a space, with one of sRGB, of other channels than RGB, or a profile that cannot be used.
+    Grey and CMYK became sRGB before (``in_rgb``).
     """
     if isinstance(space, Encoding):
         pixels = np.array(image)
@@ -119,10 +131,7 @@ def _to_srgb(profile: bytes, source_mode: str, mode: str) -> ImageCms.ImageCmsTr
     if profile[CHANNELS] != (b"CMYK" if source_mode == "CMYK" else b"RGB "):
         return None
     try:
-        source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
-        intent, flags = ImageCms.Intent.RELATIVE_COLORIMETRIC, ImageCms.Flags.BLACKPOINTCOMPENSATION
-        srgb = ImageCms.createProfile("sRGB")
-        transform = ImageCms.buildTransform(source, srgb, source_mode, mode, intent, flags)
+        transform = _transform(profile, source_mode, mode)
         if source_mode != mode:
             return transform
         colors = _grid().convert(mode)
@@ -130,6 +139,24 @@ def _to_srgb(profile: bytes, source_mode: str, mode: str) -> ImageCms.ImageCmsTr
     except (ImageCms.PyCMSError, OSError):
         return None
     return transform if abs(changed).max() > EQUAL else None
+
+
+@lru_cache(16)
+def _grey_curve(profile: bytes) -> np.ndarray | None:
+    levels = np.arange(256, dtype=np.uint8)
+    try:
+        seen = ImageCms.applyTransform(Image.fromarray(levels[None]), _transform(profile, "L", "RGB"))
+    except (ImageCms.PyCMSError, OSError):
+        return None
+    curve = np.asarray(seen, np.float32)[0].mean(axis=1)  # as grey as 8 bits can be
+    return curve / 255 if abs(curve - levels).max() > EQUAL else None
+
+
+def _transform(profile: bytes, source_mode: str, mode: str) -> ImageCms.ImageCmsTransform:
+    """From pixels of a profile to sRGB. Raises ``ImageCms.PyCMSError`` or ``OSError`` where it cannot be had."""
+    source, srgb = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
+    intent, flags = ImageCms.Intent.RELATIVE_COLORIMETRIC, ImageCms.Flags.BLACKPOINTCOMPENSATION
+    return ImageCms.buildTransform(source, srgb, source_mode, mode, intent, flags)
 
 
 def _grid() -> Image.Image:

@@ -19,7 +19,7 @@ from PIL.TiffImagePlugin import IMAGELENGTH, IMAGEWIDTH, TiffImageFile
 
 from ..support.errors import DataError
 from .claimed_size import require_photograph
-from .color_profiles import Encoding, as_srgb, in_rgb, space_of
+from .color_profiles import Encoding, as_srgb, grey_curve, in_rgb, space_of
 from .exr import exr_header, is_exr, read_exr
 
 EXIF_ORIENTATION = 274
@@ -109,7 +109,10 @@ def read_image(path: Path) -> np.ndarray:
                 levels = np.asarray(image)  # [H, W]
                 if levels.min() < 0 or levels.max() > 65535:
                     raise ValueError("whole numbers beyond 16 bits have no display range")
-                grey = np.repeat((levels.astype(np.float32) / 65535)[..., None], 3, axis=2)
+                values, curve = levels.astype(np.float32) / 65535, grey_curve(space)
+                if curve is not None:
+                    values = np.interp(values, np.linspace(0, 1, len(curve)), curve).astype(np.float32)
+                grey = np.repeat(values[..., None], 3, axis=2)
                 shown = _shown(image, levels)
                 return grey if shown is None else np.concatenate([grey * shown, shown], axis=2)
             alpha = "A" in image.getbands() or "transparency" in image.info

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dataset_folders import colmap_folder
-from icc_profiles import ADOBE_CURVE, ADOBE_RGB, DISPLAY_P3, SRGB, SRGB_CURVE, black_of_cmyk, profile, srgb_of
+from icc_profiles import ADOBE_CURVE, ADOBE_RGB, DISPLAY_P3, SRGB, SRGB_CURVE, black_of_cmyk, grey, profile, srgb_of
 from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.support.errors import DataError
@@ -59,6 +59,28 @@ def test_what_is_srgb_already_keeps_its_bits(tmp_path, levels):
                 b"no profile", profile(DISPLAY_P3, SRGB_CURVE)[:200], grey):
         found = read_image(written(tmp_path / "a.png", levels, icc))
         np.testing.assert_array_equal(found, levels.astype(np.float32) / 255)
+
+
+@pytest.mark.parametrize("mode", ["L", "LA", "I;16"])
+def test_grey_becomes_that_of_srgb(tmp_path, mode):
+    levels = np.arange(256).reshape(16, 16) * (257 if mode == "I;16" else 1)
+    pixels = levels.astype(np.uint16 if mode == "I;16" else np.uint8)
+    pixels = np.stack([pixels, np.full_like(pixels, 51)], axis=-1) if mode == "LA" else pixels
+    found = read_image(written(tmp_path / "a.png", pixels, grey(1.8)))
+    light = (np.arange(256) / 255) ** (461 / 256)  # 1.8, as a profile can hold it
+    expected = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055).reshape(16, 16, 1)
+    if mode == "LA":
+        assert (found[..., 3] == np.float32(0.2)).all()
+        found = found[..., :3] / 0.2
+    assert found.shape == (16, 16, 3) and abs(expected.ravel() - np.arange(256) / 255).max() > 0.04
+    np.testing.assert_allclose(255 * found, 255 * np.broadcast_to(expected, found.shape), atol=1.5)
+
+
+def test_grey_without_a_whole_profile_keeps_its_bits(tmp_path):
+    levels = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    for icc in (None, grey(1.8)[:150]):
+        found = read_image(written(tmp_path / "a.png", levels, icc))
+        np.testing.assert_array_equal(found, np.repeat(levels[..., None], 3, axis=2).astype(np.float32) / 255)
 
 
 def adobe_tags(index: str) -> Image.Exif:

@@ -37,6 +37,13 @@ def profile(primaries, curve) -> bytes:
     return _file(b"mntr", b"RGB ", b"XYZ ", 0x04000000, tags)
 
 
+def grey(gamma: float) -> bytes:
+    """A display profile of grey, version 2: a power."""
+    tone = b"curv" + bytes(4) + struct.pack(">IH", 1, round(gamma * 256))
+    white = b"XYZ " + bytes(4) + struct.pack(">3i", *np.rint(D50 * 65536).astype(int))
+    return _file(b"mntr", b"GRAY", b"XYZ ", 0x02400000, {b"wtpt": white, b"kTRC": tone})
+
+
 def black_of_cmyk() -> bytes:
     """A profile of a printer, version 2, whose lightness L* falls evenly with each ink, by a table of its corners."""
     steps = np.arange(256, dtype=np.uint8).tobytes()
