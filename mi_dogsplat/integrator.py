@@ -104,6 +104,9 @@ class DogSplatIntegrator(SplatIntegrator):
         if self.nested is not None and not isinstance(self.nested, mi.SamplingIntegrator):
             kind = self.nested.class_name()
             raise RuntimeError(f"dogsplat: a nested {kind} traces no rays of a camera; nest another, such as path")
+        if self.nested is not None and (channels := self.nested.aov_names()):
+            found = ", ".join(channels)
+            raise RuntimeError(f'dogsplat: channels of a nested integrator are not kept ({found}); use its own "aovs"')
         if self.nested is not None and self.nested.hide_emitters:
             self.hide_emitters = True  # its rays would leave black where they pass through lamps
         # asked now: after a change of the variant, there and back too, Mitsuba's classes in Python are others

@@ -7,7 +7,7 @@ of materials and emitters, get their derivatives in the replays themselves, as t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -25,7 +25,6 @@ class Replay:
 
     L: Any  # of the primal pass
     δL: Any = None  # None: forward
-    tangents: list[tuple[Any, Any]] = field(default_factory=list)  # forward: parameters of the scene, and theirs
 
     @property
     def forward(self) -> bool:
@@ -37,18 +36,16 @@ class Replay:
             params: Any = mi.traverse(scene)
             met = [params[name] for name in params.keys() if dr.grad_enabled(params[name])]
             dr.forward_to(met, flags=dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad)  # none, for a sensor of its own
-            self.tangents = [(parameter, dr.grad(parameter)) for parameter in met]
 
     def differentiate(self, value: Any, sample: Any, found: Any) -> None:
         """Take the derivative of what lanes bring."""
         if not dr.grad_enabled(value):
             return
         if self.forward:
-            # edges are cleared too: calls of BSDFs look at all that leave a parameter, and stop at those of others
-            dr.forward_to(value, flags=dr.ADFlag.ClearEdges | dr.ADFlag.ClearInterior)
+            # edges are cleared: calls of BSDFs look at all that leave a parameter, and stop at those of others.
+            # Tangents stay: the next segment meets the same parameters, and what plugins computed from them
+            dr.forward_to(value, flags=dr.ADFlag.ClearEdges)
             dr.scatter_add(found, dr.grad(value), sample)
-            for parameter, tangent in self.tangents:  # one that is computed from another is interior
-                dr.set_grad(parameter, tangent)
         else:
             δL = dr.gather(mi.Spectrum, self.δL, sample)
             with dr.isolate_grad():  # what all segments share is derived later

@@ -63,28 +63,25 @@ class LatestShadowRatios:
 
     def of(self, scene: Any, splats: Sequence, params: dict, max_depth: int, samples: int) -> ShadowRatios:
         """As ``estimated`` has them for ``params``, which are those of the shapes ``splats`` of the scene."""
-        arrays, texts = what_matters([*scene.shapes(), *scene.emitters()], splats)
+        arrays, texts = what_matters(scene, splats)
         key = (max_depth, samples, *texts, *variable_indices(arrays))
         if self._ratios is None or key != self._key:
             self._key, self._arrays, self._ratios = key, arrays, estimated(scene, params, max_depth, samples)
         return self._ratios
 
 
-def what_matters(parts: Sequence, splats: Sequence) -> tuple[list, list[str]]:
-    """What ratios depend on in parts of a scene: (arrays, texts that name them and say all else)."""
+def what_matters(scene: Any, splats: Sequence) -> tuple[list, list[str]]:
+    """What ratios depend on in a scene, instanced shapes too: (arrays, texts that name them and say all else)."""
     arrays, texts = [], []
-    for part in parts:
-        is_splats = part in splats
-        bsdf = part.bsdf() if isinstance(part, mi.Shape) and not is_splats else None
-        texts.append(f"{part.class_name()} {bsdf.class_name() if bsdf else None}")
-        params: Any = mi.traverse(part)
-        for name in params.keys():
-            if is_splats and name not in OF_SPLATS:
-                continue
-            value = params[name]
-            in_arrays = bool(variable_indices([value]))
-            texts.append(name if in_arrays else f"{name} {value}")
-            arrays += held([value]) if in_arrays else []
+    params: Any = mi.traverse(scene)
+    of_camera = mi.Sensor, mi.Film, mi.Sampler
+    for name, (_, _, node, _) in params.properties.items():
+        if isinstance(node, of_camera) or (node in splats and name.rpartition(".")[2] not in OF_SPLATS):
+            continue
+        value = params[name]
+        in_arrays = bool(variable_indices([value]))
+        texts.append(f"{node.class_name()} {name}" + ("" if in_arrays else f" {value}"))
+        arrays += held([value]) if in_arrays else []
     return arrays, texts
 
 

@@ -135,10 +135,18 @@ def test_materials_and_lights_have_derivatives_though_no_primitive_has():
 
 @pytest.mark.parametrize("computed", [False, True], ids=["itself", "from another"])
 @pytest.mark.parametrize("first", ["wall", "floor"])
-@pytest.mark.parametrize("name", ["wall.bsdf.reflectance.value", "floor.bsdf.reflectance.value", "sky.radiance.value"])
+@pytest.mark.parametrize("name", ["wall.bsdf.reflectance.value", "floor.bsdf.reflectance.value", "sky.radiance.value",
+                                  "wall.bsdf.reflectance.data"])  # fmt: skip
 def test_both_modes_agree_on_parameters_of_the_scene(name, first, computed):
-    """Every segment and every pass meets them, in calls of several BSDFs, and their tangent may come from elsewhere."""
-    surroundings = others({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.4}})
+    """Every segment and every pass meets them, in calls of several BSDFs, and their tangent may come from elsewhere.
+
+    Of ``data`` a texture keeps a copy that is padded to four channels: each segment needs the tangents of that.
+    """
+    reflectance: dict[str, Any] = {"type": "rgb", "value": 0.4}
+    if name.endswith("data"):
+        texels = np.random.default_rng(4).uniform(0.2, 0.8, (4, 5, 3)).astype(np.float32)
+        reflectance = {"type": "bitmap", "bitmap": mi.Bitmap(texels), "raw": True}
+    surroundings = others({"type": "diffuse", "reflectance": reflectance})
     scene = scene_with(SPLATS, {first: surroundings.pop(first), **surroundings})
     params: Any = mi.traverse(scene)
     value = type(params[name])(params[name])

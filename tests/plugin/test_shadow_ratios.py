@@ -207,7 +207,10 @@ def test_ratios_are_estimated_again_only_after_a_change_that_matters(monkeypatch
         return real(*args)
 
     monkeypatch.setattr(shadow_ratios, "estimated", counted)
-    scene = lit_scene(random_splats(5, degree=0), mesh_shadows=True, mesh_shadow_samples=2)
+    group = {"type": "shapegroup", "leaf": square(T4().translate([0, -1.2, 0]))}
+    instance = {"type": "instance", "group": {"type": "ref", "id": "group"}}
+    others = {**SURROUNDINGS, "group": group, "instance": instance}
+    scene = lit_scene(random_splats(5, degree=0), others, mesh_shadows=True, mesh_shadow_samples=2)
     params: Any = mi.traverse(scene)
 
     def after(name: str, value: Any) -> int:
@@ -221,6 +224,10 @@ def test_ratios_are_estimated_again_only_after_a_change_that_matters(monkeypatch
     assert after("splats.means", params["splats.means"] + 0.1) == 2
     assert after("floor.to_world", T4().translate([0, 1.2, 0]).rotate([1, 0, 0], 90).scale(9)) == 3
     assert after("sky.radiance.value", mi.Float(2)) == 4
+    assert after("sensor.x_fov", mi.Float(40)) == 4
+    assert after("instance.to_world", T4().translate([0.5, 0, 0])) == 5
+    assert after("group.leaf.to_world", T4().translate([0, -1, 0])) == 6
+    assert after("group.leaf.bsdf.brdf_0.reflectance.value", mi.Color3f(0.4)) == 7
 
 
 def test_derivatives_of_colours_are_exact_behind_ratios():

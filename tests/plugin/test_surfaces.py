@@ -283,6 +283,12 @@ def test_two_nested_integrators_are_refused():
         mi.load_dict({"type": "dogsplat", "a": {"type": "path"}, "b": {"type": "direct"}})
 
 
+def test_channels_of_a_nested_integrator_are_refused_as_they_would_be_lost():
+    nested = {"type": "aov", "aovs": "far:depth,n:sh_normal", "image": {"type": "path"}}
+    with pytest.raises(RuntimeError, match=r'not kept \(image.R.*n.Z\); use its own "aovs"'):
+        mi.load_dict({"type": "dogsplat", "nested": nested})
+
+
 def test_a_nested_integrator_that_traces_from_the_lights_is_refused():
     with pytest.raises(RuntimeError, match="dogsplat: a nested ParticleTracer.* such as path"):
         mi.load_dict({"type": "dogsplat", "nested": {"type": "ptracer"}})
