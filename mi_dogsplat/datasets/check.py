@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..support.errors import DataError
-from .dataset import Dataset
+from .dataset import Dataset, View
 
 MAX_POINTS = 20_000  # a stride keeps the check well below the time of reading the images
 
@@ -33,13 +34,16 @@ class CameraCheck:
 
 
 def check_cameras(dataset: Dataset, with_colors: bool = True) -> CameraCheck:
-    """Project the sparse points into every view and compare; ``with_colors`` looks at the images, too."""
+    """Project the sparse points into every view and compare; ``with_colors`` looks at the images, too, and raises
+    ``DataError`` for one that cannot be read."""
     n_points = len(dataset.points)
     if n_points == 0:
+        if with_colors:  # which are looked at all the same
+            _color_differences(dataset, [(np.zeros((0, 2)), np.zeros(0, np.int64))] * len(dataset.views))
         return CameraCheck(0, None, None, None, None, None)
     sample = np.arange(0, n_points, -(-n_points // MAX_POINTS))  # [S] rows of points
     n_seen = np.zeros(n_points, np.int64)
-    in_front, inside, colors, errors = [], [], [], []
+    in_front, inside, shown, errors = [], [], [], []
     for view in dataset.views:
         observed = dataset.observations.get(view.name)
         rows = sample if observed is None else observed.points  # [Q]
@@ -52,15 +56,14 @@ def check_cameras(dataset: Dataset, with_colors: bool = True) -> CameraCheck:
         n_seen[rows[visible]] += 1
         if observed is not None:
             errors.append(np.linalg.norm(pixels - observed.pixels, axis=1)[front])
-        if with_colors:
-            colors.append(_color_differences(view.image, pixels[visible], dataset.point_colors[rows[visible]]))
+        shown.append((pixels[visible], rows[visible]))
     candidates = np.arange(n_points) if dataset.observations else sample
     return CameraCheck(
         n_points,
         float(np.mean(in_front)),
         float(np.mean(inside)),
         float((n_seen[candidates] >= min(2, len(dataset.views))).mean()),
-        _median(colors),
+        _median(_color_differences(dataset, shown) if with_colors else []),
         _median(errors),
     )
 
@@ -85,7 +88,23 @@ def require_plausible(dataset: Dataset, convention: str) -> CameraCheck:
     return check
 
 
-def _color_differences(image: np.ndarray, pixels: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def _color_differences(dataset: Dataset, shown: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+    """``_differences_in`` each view, of the points that it shows: their pixels [V, 2] and rows [V].
+
+    Images that stay on disk are read meanwhile, as many at a time as the memory allows.
+    """
+    from ..support.pipeline import pipelined
+    from .view_images import BYTES_READ  # here: photographs need the extra "train"
+
+    def of_view(pair: tuple[View, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        view, (pixels, rows) = pair
+        return _differences_in(view.image, pixels, dataset.point_colors[rows])
+
+    largest = max(view.camera.width * view.camera.height for view in dataset.views)
+    return pipelined(of_view, zip(dataset.views, shown, strict=True), BYTES_READ * largest)
+
+
+def _differences_in(image: np.ndarray, pixels: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Mean absolute differences of the channels between ``image`` [H, W, 3 or 4] at ``pixels`` [V, 2] and the colours
     ``expected`` [V, 3] there; of opaque pixels alone."""
     column, line = pixels.astype(np.int64).T

@@ -61,11 +61,16 @@ def write_refined(folder: Path, dataset: Dataset, data: Path, moved: Mapping[str
 
 
 def _path_from(folder: Path, path: Path) -> str:
-    """Of a file as seen from a folder; absolute where they lie on two drives."""
+    """Of a file as seen from a folder; absolute where they lie on two drives.
+
+    By where the folders really are: ``..`` of a link leads out of the folder that it links to. An image that is a link
+    itself keeps its name.
+    """
+    path = path.parent.resolve() / path.name
     try:
-        return os.path.relpath(path, folder).replace(os.sep, "/")
+        return os.path.relpath(path, folder.resolve()).replace(os.sep, "/")
     except ValueError:
-        return path.resolve().as_posix()
+        return path.as_posix()
 
 
 def _sources(data: Path) -> tuple[list[ViewSource], list[str]]:

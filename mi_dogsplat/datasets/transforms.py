@@ -208,7 +208,7 @@ def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
         raise DataError(
             file, "has no focal length", 'add "fl_x" and "fl_y" in pixels, or "camera_angle_x" in radians'
         )
-    fx, fy = fx or fy, fy or fx  # one focal length means square pixels
+    fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)  # one focal length means square pixels
     assert fx is not None and fy is not None
     cx, cy = _number(frame, "cx", width / 2), _number(frame, "cy", height / 2)
     w2c = opengl_c2w_to_opencv_w2c(frame["transform_matrix"])

@@ -156,4 +156,5 @@ def _settings(subject: Subject, config: FilmConfig, n: int, size: tuple[int, int
     arrays = (np.asarray(getattr(subject.model.splats, name)) for name in subject.model.splats.__dataclass_fields__)
     digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
     drawn = {"background": subject.background, **dataclasses.asdict(subject.drawn)}
-    return {"model_sha256": digest, "frames": n, **dataclasses.asdict(config), "size": size, **drawn}
+    said = dataclasses.asdict(config) | {"path": Path(config.path).name}  # a file, wherever it is named from
+    return {"model_sha256": digest, "frames": n, **said, "size": size, **drawn}

@@ -212,7 +212,7 @@ def describe_dataset(path: Path) -> list[str]:
     from ..datasets import check_cameras, load_dataset  # here: see ``_is_dataset``
     from ..datasets.transforms import not_read
 
-    dataset = load_dataset(path, spp=SCENE_SPP)
+    dataset = load_dataset(path, spp=SCENE_SPP, on_disk=True)
     check = check_cameras(dataset)
     lines = [
         f"{path}: data set",

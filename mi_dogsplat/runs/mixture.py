@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,8 @@ def write_mixture(
 
     def drawing(model: Splats) -> Callable[[View], Picture]:
         params = upload(model)
-        return lambda v: render_picture(params, v.camera, options, background, drawn)
+        some = replace(options, sh_degree=min(options.sh_degree, model.sh_degree))  # of a part, maybe none has more
+        return lambda v: render_picture(params, v.camera, some, background, drawn)
 
     write_png(out / f"{name}_gaussian.png", drawing(splats.only_gaussians())(view).color)
     write_png(out / f"{name}_dog.png", drawing(splats.only_dog())(view).color)

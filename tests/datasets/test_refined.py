@@ -62,6 +62,17 @@ def test_photographs_on_another_drive_are_named_by_where_they_lie(data, tmp_path
     assert [view.name for view in load_dataset(tmp_path / "refined").train] == [view.name for view in given.train]
 
 
+def test_photographs_are_found_where_the_run_or_its_data_are_behind_a_link(data, tmp_path):
+    (tmp_path / "a" / "disk").mkdir(parents=True)
+    (tmp_path / "runs").symlink_to(tmp_path / "a" / "disk")  # of another depth
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "photos").symlink_to(data)
+    named = tmp_path / "b" / "photos"
+    given = load_dataset(named)
+    write_refined(tmp_path / "runs" / "one", given, named, {})
+    assert [view.name for view in load_dataset(tmp_path / "runs" / "one").train] == [view.name for view in given.train]
+
+
 def name_of(view) -> str:
     return view.name
 

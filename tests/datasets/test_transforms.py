@@ -178,6 +178,7 @@ def test_points_come_from_a_colmap_model_of_the_same_poses_whatever_its_lenses_a
         ({"camera_angle_x": 0}, '"camera_angle_x" is 0, no angle'),
         ({"camera_angle_x": 60}, '"camera_angle_x" is 60, no angle of view in radians'),
         ({"fl_x": "wide"}, "\"fl_x\" is 'wide', no number"),
+        ({"fl_x": 0, "fl_y": 50}, "focal lengths must be positive, got fx=0.0, fy=50.0"),
         ({"cx": None}, '"cx" is None, no number'),
         ({"k1": None}, '"k1" is None, no number'),
         ({"h": [15], "w": 21}, '"h" is [15], no number'),

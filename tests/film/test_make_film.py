@@ -261,6 +261,13 @@ def test_frames_along_other_key_frames_in_the_same_file_are_another_film(model, 
         make_film(model, tmp_path / "f", config=config)
 
 
+def test_the_file_of_key_frames_may_be_named_from_another_folder(model, keys, tmp_path, monkeypatch):
+    config = FilmConfig(path=str(keys), seconds=0.5, fps=8, size=(16, 12))
+    make_film(model, tmp_path / "f", config=config)
+    monkeypatch.chdir(keys.parent)
+    make_film(model, tmp_path / "f", config=replace(config, path=f"./{keys.name}"))
+
+
 def test_frames_along_the_cameras_of_other_data_are_another_film(model, data, tmp_path, monkeypatch):
     config = replace(SHORT, path="cameras", size=(16, 12))
     make_film(model, tmp_path / "f", data, config)

@@ -179,6 +179,21 @@ def test_alpha_and_the_lack_of_points_are_told(tmp_path):
     assert describe(tmp_path / "transforms.json")[1:] == lines[1:]
 
 
+def test_photographs_that_do_not_fit_into_memory_are_described(data, monkeypatch):
+    expected = describe(data), describe_features(data)
+    monkeypatch.setattr("mi_dogsplat.datasets.view_images.available_memory", lambda: 1)  # byte
+    assert (describe(data), describe_features(data)) == expected
+
+
+@pytest.mark.parametrize("points", [True, False])
+def test_a_photograph_that_is_cut_off_is_named(tmp_path, points):
+    tiny_data.write_tiny_data(tmp_path, n=2, points=points)
+    photograph = sorted((tmp_path / "images").iterdir())[-1]
+    photograph.write_bytes(photograph.read_bytes()[:-30])
+    with pytest.raises(DataError, match=f"{photograph.name}: cannot be read as an image"):
+        describe(tmp_path)
+
+
 def test_a_mitsuba_scene_is_a_data_set(tmp_path):
     (tmp_path / "s.xml").write_text(
         '<scene version="3.0.0"><integrator type="path"/><shape type="sphere"/><emitter type="constant"/>'

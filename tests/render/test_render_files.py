@@ -184,6 +184,12 @@ def test_a_view_is_told_by_its_image_too(model, data, tmp_path, monkeypatch):
         assert (tmp_path / "from_above.exr").read_bytes() == (tmp_path / "name.exr").read_bytes()
 
 
+def test_a_view_is_rendered_where_the_photographs_do_not_fit_into_memory(model, data, tmp_path, monkeypatch):
+    monkeypatch.setattr("mi_dogsplat.datasets.view_images.available_memory", lambda: 1)  # byte
+    render(model, tmp_path / "v.png", data, "3")
+    assert read_png(tmp_path / "v.png").shape[:2] == (36, 48)
+
+
 def test_an_unknown_view_is_answered_with_close_names(model, data, tmp_path):
     with pytest.raises(DataError, match='"33" is no view of .* it has 8, such as 3$'):
         render(model, tmp_path / "v.png", data=data, camera="33")

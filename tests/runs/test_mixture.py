@@ -2,12 +2,14 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import PICTURE_ENDS, View
+from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.measure.evaluate import evaluate_views
 from mi_dogsplat.measure.metrics import evaluate, flip
 from mi_dogsplat.render.picture import Picture
@@ -20,6 +22,7 @@ from mi_dogsplat.runs.mixture import (
     write_comparison,
     write_mixture,
 )
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.pictures import heat_map, write_png
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
@@ -151,6 +154,19 @@ def test_a_model_of_one_kind_leaves_the_background_of_the_other(tmp_path):
     write_mixture(splats, [view("a", noise(0))], {"a": {"psnr": 20.0}}, tmp_path, options(splats), background=1.0)
     assert pixels(tmp_path / "a_gaussian.png").min() == 1
     assert pixels(tmp_path / "a_dog.png").min() < 0.9
+
+
+def test_a_kind_is_drawn_alone_that_has_no_band_of_the_colour_of_the_other(tmp_path):
+    splats = red_and_green().with_sh_degrees(np.array([0, 2]))  # as a size of the file may leave them
+    whole = write_mixture_of(splats, tmp_path / "whole")
+    gaussians = write_mixture_of(splats.only_gaussians(), tmp_path / "gaussians")
+    np.testing.assert_array_equal(whole, gaussians)
+
+
+def write_mixture_of(splats: Splats, out: Path) -> np.ndarray:
+    """The picture of its Gaussians alone."""
+    write_mixture(splats, [view("a", noise(0))], {"a": {"psnr": 20.0}}, out, RasterOptions(sh_degree=2))
+    return pixels(out / "a_gaussian.png")
 
 
 @pytest.fixture
