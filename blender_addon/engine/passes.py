@@ -107,10 +107,12 @@ def _combined(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Sce
     if not scene.render.film_transparent:
         color = color + (1 - alpha - hole) * background(scene, order.light)
         alpha = np.ones_like(alpha) - hole
+    elif linear and not order.light.linear:
+        color = np.minimum(color, np.maximum(alpha, 0))  # no brighter than white, where lobes take more from alpha
     if order.light.linear:
         shown = to_working(color) if linear else np.clip(encoded(color / order.light.white), 0, 1)
     else:
-        shown = to_working(_radiance(color, 1 - hole)) if linear else color
+        shown = to_working(_radiance(color, alpha)) if linear else color
     return np.concatenate([shown, alpha], axis=2)
 
 

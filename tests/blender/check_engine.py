@@ -6,7 +6,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import as_srgb, picture, psnr, rendered
+from blender_pictures import as_srgb, picture, psnr, rendered, with_alpha
 from edits import cropped, shown
 from model_files import load
 from references import REFERENCES, place_camera, reference
@@ -150,6 +150,27 @@ def test_nothing_colors_the_exact_picture(scene, rows, tmp_path):
     rows.render = lambda request, *_: {"color": np.full((64, 96, 3), 0.5), "alpha": np.ones((64, 96))}
     bpy.ops.render.render(write_still=True)
     assert bpy.data.images.load(render.filepath).pixels[:3] == pytest.approx((0.5, 0.5, 0.5), abs=0.003)
+
+
+def test_a_transparent_picture_over_white_is_the_exact_one(scene, by_command, tmp_path):
+    """As any program lays a PNG over a page; so is it over any other color."""
+    place_camera(scene, "plain")
+    load(REFERENCES / "plain.ply")
+    render, (color, alpha) = scene.render, (reference("plain")[name] for name in ("color", "alpha"))
+    scene.view_settings.view_transform, render.engine, render.film_transparent = "Standard", engine.ENGINE, True
+    render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGBA"
+    render.filepath, render.dither_intensity = str(tmp_path / "out.png"), 0.0
+    bpy.ops.render.render(write_still=True)
+    pixels = np.array(bpy.data.images.load(render.filepath).pixels).reshape(*alpha.shape, 4)[::-1]
+    over = pixels[..., 3:] * pixels[..., :3] + 1 - pixels[..., 3:]
+    assert 0.1 < alpha.mean() < 0.9 and psnr(over, color + 1 - alpha[..., None]) > 45
+
+
+def test_a_pixel_with_more_color_than_alpha_is_white(scene, rows, tmp_path):
+    """As negative lobes leave it: no number that outshines all others."""
+    scene.dogsplat_colors, scene.render.film_transparent = "LINEAR", True
+    rows.render = lambda request, *_: {"color": np.full((64, 96, 3), 0.3), "alpha": np.full((64, 96), 0.001)}
+    assert with_alpha(scene, engine.ENGINE, tmp_path) == pytest.approx(0.001, abs=1e-6)
 
 
 def test_linear_colors_are_those_of_the_integrator(scene, by_command, tmp_path):
