@@ -115,16 +115,21 @@ def active_tree(owner: Any) -> bpy.types.NodeTree | None:
 
 
 def source_of(socket: bpy.types.NodeSocket) -> Any:
-    """The socket that a link begins at, past reroutes; None where there is no link."""
+    """The socket that a link begins at, past reroutes and muted nodes; None where there is no link."""
     while socket.is_linked and not socket.links[0].is_muted:
         start = socket.links[0].from_socket
-        if start.node.type != "REROUTE":
+        if start.node.type == "REROUTE":
+            socket = start.node.inputs[0]
+        elif not start.node.mute:
             return start
-        socket = start.node.inputs[0]
+        else:  # Blender draws a link through it, or none
+            through = (link.from_socket for link in start.node.internal_links if link.to_socket == start)
+            if (inner := next(through, None)) is None:
+                return None
+            socket = inner
     return None
 
 
 def output_of(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
-    """Its active output, for all engines or for Cycles."""
-    outputs = [node for node in tree.nodes if node.type.startswith("OUTPUT_")]
-    return next((node for node in outputs if node.is_active_output), outputs[0] if outputs else None)
+    """Its active output, for all engines or for Cycles, else one for EEVEE."""
+    return tree.get_output_node("CYCLES") or tree.get_output_node("EEVEE")

@@ -32,6 +32,38 @@ def test_what_has_no_counterpart_is_drawn_in_its_viewport_colour_and_said(scene,
     assert drawn["bsdf"]["base_color"]["value"] == pytest.approx([0.25, 0.5, 0.75])
 
 
+def test_muted_nodes_do_what_they_do_in_blender(scene, tmp_path):
+    """A link goes through them, or none; one that turns a texture turns none."""
+    camera(scene, (0, 0, 8))
+    tree = body(plane(2), material("ShaderNodeBsdfDiffuse", Color=GREY)).data.materials[0].node_tree
+    shader = next(node for node in tree.nodes if node.type == "BSDF_DIFFUSE")
+    hue = link(tree, "ShaderNodeHueSaturation", "Color", shader.inputs["Color"])
+    texture = link(tree, "ShaderNodeTexImage", "Color", hue.inputs["Color"])
+    mapping = link(tree, "ShaderNodeMapping", "Vector", texture.inputs["Vector"])
+    mapping.inputs["Scale"].default_value = (3, 3, 3)
+    texture.image = image("picture", lambda x, y: (x, y, x))
+    hue.mute = mapping.mute = True
+    result, described = written(scene, tmp_path)
+    (drawn,) = [value for key, value in described.items() if key.startswith("material_")]
+    assert drawn["bsdf"]["reflectance"]["type"] == "bitmap" and "to_uv" not in drawn["bsdf"]["reflectance"]
+    assert result.notes == []
+    texture.mute = True
+    (drawn,) = [value for key, value in written(scene, tmp_path)[1].items() if key.startswith("material_")]
+    assert drawn["bsdf"]["reflectance"]["value"] == pytest.approx(GREY[:3])
+
+
+def test_of_several_outputs_the_one_for_cycles_is_drawn(scene, tmp_path):
+    """Though that for EEVEE is the active one."""
+    camera(scene, (0, 0, 8))
+    tree = body(plane(2), material("ShaderNodeEmission")).data.materials[0].node_tree
+    (first,) = [node for node in tree.nodes if node.type == "OUTPUT_MATERIAL"]
+    second = tree.nodes.new("ShaderNodeOutputMaterial")
+    link(tree, "ShaderNodeBsdfDiffuse", "BSDF", second.inputs["Surface"]).inputs["Color"].default_value = GREY
+    second.target, first.target, first.is_active_output = "CYCLES", "EEVEE", True
+    (drawn,) = [value for key, value in written(scene, tmp_path)[1].items() if key.startswith("material_")]
+    assert drawn["bsdf"]["reflectance"]["value"] == pytest.approx(GREY[:3])
+
+
 def test_the_material_of_the_view_layer_is_that_of_all_bodies(scene, tmp_path):
     """Also where an object has several of its own, or none."""
     camera(scene, (0, 0, 8))
