@@ -28,10 +28,12 @@ from ..objects.conventions import light_of
 from ..objects.working_space import converted_notes
 from ..scene.export import Plugin
 from ..scene.sensor import sensor
+from ..scene.world import one_color
 from ..scene.write import has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 COPIED = '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing'
+BEHIND = "the nodes of the world are left out; behind splats alone is its viewport color"
 FLAT = '"{name}": its splats are left out, as it is scaled to nothing along an axis'
 
 
@@ -150,6 +152,8 @@ def make_stage(
         request["model"] = str(model)
         files.add(model.name)
     if not whole:
+        if not settings.transparent and one_color(depsgraph.scene_eval.world) is None:
+            notes.append(told(BEHIND))
         return Stage(request | numbered(splats.masks), splats.objects, False, light, files, notes)
     written = write_scene(depsgraph, seen_by, camera, folder, len(splats.models), hidden)
     request |= {"scene": str(folder / written.scene), "max_depth": settings.bounces + 1}

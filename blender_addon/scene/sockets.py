@@ -101,6 +101,14 @@ class Reader:
         return np.array(socket.default_value[:], np.float64)
 
 
+def constant_of(socket: bpy.types.NodeSocket) -> Any:
+    """The number or colour [3] that flows into a socket; None where nodes calculate it."""
+    source = source_of(socket)
+    if source is not None:
+        return _constant(source.node)
+    return socket.default_value if socket.type == "VALUE" else socket.default_value[:3]
+
+
 def _constant(node: bpy.types.Node) -> float | tuple[float, ...] | None:
     if node.type == "RGB":
         return tuple(node.outputs[0].default_value[:3])

@@ -34,6 +34,9 @@ NOTES = {
     'the node "{node}" has no counterpart in Mitsuba; the world has its viewport color': (
         "der Node „{node}“ hat kein Gegenstück in Mitsuba; die Welt hat ihre Farbe im Ansichtsfenster"
     ),
+    "the nodes of the world are left out; behind splats alone is its viewport color": (
+        "die Nodes der Welt werden weggelassen; hinter Splats allein ist ihre Farbe im Ansichtsfenster"
+    ),
     "the picture of the world is taken as equirectangular": "das Bild der Welt wird als äquirektangular verstanden",
     'the mapping "{mapping}" is left out': "das Mapping „{mapping}“ wird weggelassen",
     # Materials

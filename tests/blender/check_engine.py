@@ -10,6 +10,7 @@ from blender_pictures import as_srgb, picture, psnr, rendered, with_alpha
 from edits import cropped, shown
 from model_files import load
 from references import REFERENCES, place_camera, reference
+from surroundings import background, link
 
 from blender_addon import render_engine as engine
 from blender_addon.engine.order import make_order
@@ -242,6 +243,20 @@ def refusal() -> str:
         bpy.ops.render.render()
     (line,) = set(str(caught.value).strip().splitlines())
     return line
+
+
+def test_nodes_of_the_world_that_are_left_out_are_said(scene, tmp_path):
+    """Not where nobody sees the world."""
+    place_camera(scene, "square")
+    load(REFERENCES / "square.ply")
+    graph = bpy.context.evaluated_depsgraph_get
+    assert make_order(graph(), tmp_path, []).notes == []
+    strength = background(scene).inputs["Strength"]
+    link(scene.world.node_tree, "ShaderNodeMath", "Value", strength)
+    (note,) = make_order(graph(), tmp_path, []).notes
+    assert "viewport color" in note
+    scene.render.film_transparent = True
+    assert make_order(graph(), tmp_path, []).notes == []
 
 
 @pytest.mark.parametrize("send, colors, blurred", [

@@ -74,6 +74,9 @@ def test_the_color_behind_splats_is_of_the_node_that_the_world_shows(scene):
     shown = link(tree, "ShaderNodeBackground", "Background", output_of(tree).inputs["Surface"])
     shown.inputs["Color"].default_value, shown.inputs["Strength"].default_value = (0.2, 0.3, 0.4, 1), 2.0
     assert np.allclose(world_color(scene.world), (0.4, 0.6, 0.8)) and not unused.outputs[0].is_linked
+    link(tree, "ShaderNodeRGB", "Color", shown.inputs["Color"]).outputs[0].default_value = (0.1, 0.3, 0.2, 1)
+    link(tree, "ShaderNodeValue", "Value", shown.inputs["Strength"]).outputs[0].default_value = 3.0
+    assert np.allclose(world_color(scene.world), (0.3, 0.9, 0.6))
     scene.world.color = (0.7, 0.6, 0.5)
     if bpy.app.version < (5, 0):
         scene.world.use_nodes = False
