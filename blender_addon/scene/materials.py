@@ -30,11 +30,11 @@ class Surface:
         return self.bsdf if self.opacity is None else {"type": "mask", "opacity": self.opacity, "bsdf": self.bsdf}
 
 
-def surface(export: Export, material: bpy.types.Material | None) -> Surface:
-    """What a material looks like."""
+def surface(export: Export, material: bpy.types.Material | None, uv_maps: frozenset[str]) -> Surface:
+    """What a material looks like, on meshes with these UV maps."""
     if material is None:
         return Surface(two_sided({"type": "diffuse", "reflectance": rgb((0.8, 0.8, 0.8))}))
-    reader = Reader(export, material.name)
+    reader = Reader(export, material.name, uv_maps)
     tree = active_tree(material)
     if tree is None:
         return _viewport(reader, material)

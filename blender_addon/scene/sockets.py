@@ -22,6 +22,7 @@ class Reader:
 
     export: Export
     owner: str
+    uv_maps: frozenset[str] = frozenset()  # those that are rendered, of the meshes that have it
 
     def note(self, text: str, **values: Any) -> None:
         """Say once what is drawn differently; a template where there are values."""
@@ -74,6 +75,8 @@ class Reader:
             return None
         if node.extension not in WRAPPING:
             self.note('the image of "{node}" is repeated at its edges, not cut off', node=node.name)
+        if node.projection != "FLAT":
+            self.note('the image of "{node}" is not projected, but laid by texture coordinates', node=node.name)
         texture["wrap_mode"] = WRAPPING.get(node.extension, "repeat")
         texture["filter_type"] = "nearest" if node.interpolation == "Closest" else "bilinear"
         placing = self._placing(node)
@@ -90,10 +93,16 @@ class Reader:
             found = np.array([[cos * scale[0], -sin * scale[1], location[0]],
                               [sin * scale[0], cos * scale[1], location[1]], [0, 0, 1]])  # fmt: skip
             source = self.source(mapping.inputs["Vector"])
-        if source is not None and not (source.node.type == "UVMAP" or source.name == "UV"):
+        if source is not None and not self._is_rendered(source):
             problem = '"{image}" takes the texture coordinates of the mesh, instead of "{node}"'
             self.note(problem, image=node.name, node=source.node.name)
         return found
+
+    def _is_rendered(self, source: Any) -> bool:
+        """Whether it gives the UV map that is rendered, of each mesh."""
+        if source.node.type != "UVMAP":
+            return source.name == "UV"
+        return not source.node.uv_map or self.uv_maps <= {source.node.uv_map}
 
     def _vector(self, socket: bpy.types.NodeSocket) -> np.ndarray:
         if self.source(socket) is not None:

@@ -64,6 +64,12 @@ NOTES = {
     'of the frames of the image "{image}" only one is drawn': (
         "von den Einzelbildern des Bildes „{image}“ wird nur eines gezeichnet"
     ),
+    'the image "{image}" is drawn as one in {drawn}, not in {space}': (
+        "das Bild „{image}“ wird wie eines in {drawn} gezeichnet, nicht in {space}"
+    ),
+    'the image of "{node}" is not projected, but laid by texture coordinates': (
+        "das Bild von „{node}“ wird nicht projiziert, sondern nach Texturkoordinaten gelegt"
+    ),
     'the texture of "{socket}" is left out': "die Textur von „{socket}“ wird weggelassen",
     'the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value': (
         "der Node „{node}“ hat kein Gegenstück in Mitsuba; sein Eingang behält den eigenen Wert"

@@ -132,6 +132,50 @@ def test_an_image_of_many_pictures_is_said_to_be_one(tmp_path, source, word):
     assert export.notes == ([f'of the {word} of the image "many.0000" only one is drawn'] if word else [])
 
 
+@pytest.mark.parametrize("space, raw, said", [
+    ("sRGB", False, ""), ("Linear Rec.709", True, ""), ("Non-Color", True, ""), ("Filmic sRGB", False, "sRGB"),
+    ("ACEScg", True, "Linear Rec.709"),
+])  # fmt: skip
+def test_bytes_of_other_color_spaces_are_drawn_as_the_nearest_and_said(tmp_path, space, raw, said):
+    """Curved numbers are never taken for linear light."""
+    picture, export = image("picture", lambda x, y: (x, y, x)), Export(tmp_path)
+    picture.colorspace_settings.name = space
+    assert bitmap(export, picture)["raw"] is raw
+    assert export.notes == ([f'the image "picture" is drawn as one in {said}, not in {space}'] if said else [])
+
+
+def test_uv_maps_that_are_not_rendered_and_projections_are_said(scene, tmp_path):
+    """Of two meshes with a material the second has no map of that name."""
+    camera(scene, (0, 0, 8))
+    wall = body(plane(2), material("ShaderNodeBsdfDiffuse", Color=GREY))
+    tree = wall.data.materials[0].node_tree
+    shader = next(node for node in tree.nodes if node.type == "BSDF_DIFFUSE")
+    texture = link(tree, "ShaderNodeTexImage", "Color", shader.inputs["Color"])
+    texture.image = image("picture", lambda x, y: (x, y, x))
+    chosen = link(tree, "ShaderNodeUVMap", "UV", texture.inputs["Vector"])
+    chosen.uv_map = wall.data.uv_layers[0].name
+    assert written(scene, tmp_path)[0].notes == []
+    chosen.uv_map = wall.data.uv_layers.new(name="second").name
+    problem = f'"{texture.name}" takes the texture coordinates of the mesh, instead of "{chosen.name}"'
+    owner = wall.data.materials[0].name
+    assert written(scene, tmp_path)[0].notes == [f'"{owner}": {problem}']
+    wall.data.uv_layers["second"].active_render = True
+    assert written(scene, tmp_path)[0].notes == []
+    body(plane(1), wall.data.materials[0])
+    assert written(scene, tmp_path)[0].notes == [f'"{owner}": {problem}']
+    texture.projection = "BOX"
+    assert any("not projected" in note for note in written(scene, tmp_path)[0].notes)
+
+
+def test_what_blender_draws_itself_is_not_said_to_be_left_out(scene, tmp_path):
+    """Grease Pencil, over the picture of any engine."""
+    camera(scene, (0, 0, 8))
+    plane(2)
+    kinds = [name for name in ("grease_pencil_add", "gpencil_add") if name in dir(bpy.ops.object)]
+    getattr(bpy.ops.object, kinds[0])(type="STROKE")
+    assert written(scene, tmp_path)[0].notes == []
+
+
 def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):
     camera(scene, (0, 0, 8))
     first = body(sphere(0.5), material("ShaderNodeBsdfDiffuse", Color=GREY))
