@@ -111,6 +111,8 @@ def make_order(
         stage.notes.append(told("depth of field is left out; it takes a perspective camera"))
     elif obj.data.dof.use_dof and not stage.whole:
         stage.notes.append(told("depth of field is left out; it takes Whole Scene and Linear colors"))
+    elif obj.data.dof.use_dof and (obj.data.dof.aperture_blades > 2 or obj.data.dof.aperture_ratio != 1):
+        stage.notes.append(told("the aperture is round, whatever its blades and ratio"))
     request = {**stage.request, "passes": passes, **own_near_clip(camera)}
     if not stage.whole:
         request |= camera_request(camera)

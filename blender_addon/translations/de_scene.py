@@ -17,6 +17,9 @@ NOTES = {
     "depth of field is left out; it takes a perspective camera": (
         "Schärfentiefe wird weggelassen; dazu braucht es eine perspektivische Kamera"
     ),
+    "the aperture is round, whatever its blades and ratio": (
+        "die Blende ist rund, unabhängig von ihren Lamellen und ihrem Verhältnis"
+    ),
     '"{name}": a shadow catcher is drawn as any other object': (
         "„{name}“: ein Schattenfänger wird wie jedes andere Objekt gezeichnet"
     ),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from blender_pictures import as_srgb, picture, psnr, rendered, with_alpha
 from edits import cropped, shown
+from mathutils import Matrix
 from model_files import load
 from references import REFERENCES, place_camera, reference
 from surroundings import background, link
@@ -276,3 +277,20 @@ def test_depth_of_field_is_drawn_by_paths_or_said_to_be_left_out(scene, tmp_path
         assert json.loads(Path(order.request["scene"]).read_text())["sensor"]["type"] == "thinlens"
     said = ["depth of field is left out; it takes Whole Scene and Linear colors"]
     assert order.notes[1:] == ([] if blurred else said)
+    scene.camera.data.dof.aperture_blades = 5
+    order = make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, [])
+    assert order.notes[1:] == (["the aperture is round, whatever its blades and ratio"] if blurred else said)
+
+
+def test_a_bone_is_in_focus_where_it_is_posed(scene, tmp_path):
+    place_camera(scene, "square")
+    load(REFERENCES / "square.ply")
+    bpy.ops.object.armature_add(enter_editmode=False)
+    rig, dof = bpy.context.object, scene.camera.data.dof
+    rig.matrix_world = scene.camera.matrix_world @ Matrix.Translation((0, 0, -2))
+    rig.pose.bones[0].matrix = Matrix.Translation((0, 0, -1))
+    dof.use_dof, dof.focus_object = True, rig
+    for bone, distance in (("", 2.0), (rig.pose.bones[0].name, 3.0)):
+        dof.focus_subtarget = bone
+        request = make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, []).request
+        assert json.loads(Path(request["scene"]).read_text())["sensor"]["focus_distance"] == pytest.approx(distance)
