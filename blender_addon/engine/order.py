@@ -14,7 +14,7 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..cameras.objects import Eye, camera_numbers, rendered_part
 from ..evaluated.masks import mask_of, numbered
-from ..evaluated.placed import copied_drawings, moved_model, placed_model, placed_splats
+from ..evaluated.placed import copied_drawings, moved_model, objects_in, placed_model, placed_splats
 from ..evaluated.shown_object import ShownObject
 from ..files.errors import told
 from ..files.light import Light, in_common_light
@@ -24,6 +24,7 @@ from ..files.ply import write_ply
 from ..files.said import Said
 from ..native.convert import drawing_of
 from ..nodes.tree import NEAR_CLIP
+from ..objects.attributes import has_splats
 from ..objects.conventions import light_of
 from ..objects.working_space import converted_notes
 from ..scene.export import Plugin
@@ -34,6 +35,7 @@ from ..scene.write import has_surroundings, write_scene
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 COPIED = '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing'
 BEHIND = "the nodes of the world are left out; behind splats alone is its viewport color"
+HIDDEN = "all splats are hidden from this picture"
 FLAT = '"{name}": its splats are left out, as it is scaled to nothing along an axis'
 
 
@@ -139,7 +141,7 @@ def make_stage(
     blurred = seen_by is not None and seen_by["type"] == "thinlens" and depsgraph.scene.dogsplat_colors == "LINEAR"
     whole = settings.send == "SCENE" and (blurred or has_surroundings(depsgraph, hidden))
     if not splats.models and not whole:
-        raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
+        _add_hidden(splats, depsgraph)
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     copies = copied_drawings(depsgraph, lambda owner: owner.name_full not in hidden)
@@ -210,6 +212,22 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
         found.notes += [note for note in notes if note not in found.notes]
         found.masks.append(mask_of(owner, obj, depsgraph))
     return found
+
+
+def _add_hidden(found: _Splats, depsgraph: bpy.types.Depsgraph) -> None:
+    """None of the splats of a model that nobody sees now: an animation goes on where all are hidden for a while.
+
+    Raises ``ValueError`` where the scene has no model.
+    """
+    obj = next(filter(has_splats, objects_in(depsgraph.scene)), None)
+    if obj is None:
+        raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
+    found.models.append(placed_model(obj, depsgraph, np.eye(4), hidden=True).select(np.zeros(0, int)))
+    found.lights.append(light_of(obj))
+    found.matrices.append(np.eye(4))
+    found.objects.append(ShownObject.of(obj, depsgraph))
+    found.masks.append("")
+    found.notes.append(told(HIDDEN))
 
 
 def _write_model(folder: Path, splats: _Splats, light: Light) -> Path:

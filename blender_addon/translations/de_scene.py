@@ -10,6 +10,7 @@ NOTES = {
     '"{name}": its splats are left out, as it is scaled to nothing along an axis': (
         "„{name}“: seine Splats werden weggelassen, da es entlang einer Achse auf nichts skaliert ist"
     ),
+    "all splats are hidden from this picture": "alle Splats sind in diesem Bild verborgen",
     "motion blur is left out": "Bewegungsunschärfe wird weggelassen",
     "depth of field is left out; it takes Whole Scene and Linear colors": (
         "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"
