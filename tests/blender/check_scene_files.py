@@ -52,6 +52,36 @@ def test_muted_nodes_do_what_they_do_in_blender(scene, tmp_path):
     assert drawn["bsdf"]["reflectance"]["value"] == pytest.approx(GREY[:3])
 
 
+@pytest.mark.parametrize("kind", ["Diffuse", "Glossy", "Glass", "Translucent", "Principled"])
+def test_bent_normals_are_drawn_or_said_to_be_straight(scene, tmp_path, kind):
+    """Of what transmits everything they are straight."""
+    camera(scene, (0, 0, 8))
+    shader = "ShaderNodeBsdfAnisotropic" if kind == "Glossy" else f"ShaderNodeBsdf{kind}"
+    tree = body(plane(2), material(shader)).data.materials[0].node_tree
+    (node,) = [node for node in tree.nodes if node.bl_idname == shader]
+    if kind == "Principled":
+        node.inputs["Transmission Weight"].default_value = 1.0
+    normal = link(tree, "ShaderNodeNormalMap", "Normal", node.inputs["Normal"])
+    link(tree, "ShaderNodeTexImage", "Color", normal.inputs["Color"]).image = image("map", lambda x, y: (x, y, x))
+    result, described = written(scene, tmp_path)
+    (drawn,) = [value for key, value in described.items() if key.startswith("material_")]
+    bends = kind in ("Diffuse", "Glossy")
+    assert (drawn.get("bsdf", {}).get("type") == "normalmap") is bends
+    assert any("does not bend normals" in note for note in result.notes) is not bends
+
+
+def test_tints_of_principled_are_said_where_they_tint(scene, tmp_path):
+    camera(scene, (0, 0, 8))
+    tree = body(plane(2), material("ShaderNodeBsdfPrincipled")).data.materials[0].node_tree
+    inputs = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED").inputs
+    inputs["Coat Tint"].default_value = inputs["Sheen Tint"].default_value = (1, 0, 0, 1)
+    inputs["Sheen Weight"].default_value = inputs["Coat Weight"].default_value = 0.0
+    assert written(scene, tmp_path)[0].notes == []
+    inputs["Coat Weight"].default_value = 1.0
+    (note,) = written(scene, tmp_path)[0].notes
+    assert '"Coat Tint" is left out' in note
+
+
 def test_of_several_outputs_the_one_for_cycles_is_drawn(scene, tmp_path):
     """Though that for EEVEE is the active one."""
     camera(scene, (0, 0, 8))
