@@ -14,7 +14,7 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..cameras.objects import Eye, camera_numbers, rendered_part
 from ..evaluated.masks import mask_of, numbered
-from ..evaluated.placed import copied_drawings, moved_model, placed_model, placed_splats
+from ..evaluated.placed import copied_drawings, moved_model, objects_in, placed_model, placed_splats
 from ..evaluated.shown_object import ShownObject
 from ..files.errors import told
 from ..files.light import Light, in_common_light
@@ -24,14 +24,18 @@ from ..files.ply import write_ply
 from ..files.said import Said
 from ..native.convert import drawing_of
 from ..nodes.tree import NEAR_CLIP
+from ..objects.attributes import has_splats
 from ..objects.conventions import light_of
 from ..objects.working_space import converted_notes
 from ..scene.export import Plugin
 from ..scene.sensor import sensor
+from ..scene.world import one_color
 from ..scene.write import has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 COPIED = '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing'
+BEHIND = "the nodes of the world are left out; behind splats alone is its viewport color"
+HIDDEN = "all splats are hidden from this picture"
 FLAT = '"{name}": its splats are left out, as it is scaled to nothing along an axis'
 
 
@@ -109,6 +113,8 @@ def make_order(
         stage.notes.append(told("depth of field is left out; it takes a perspective camera"))
     elif obj.data.dof.use_dof and not stage.whole:
         stage.notes.append(told("depth of field is left out; it takes Whole Scene and Linear colors"))
+    elif obj.data.dof.use_dof and (obj.data.dof.aperture_blades > 2 or obj.data.dof.aperture_ratio != 1):
+        stage.notes.append(told("the aperture is round, whatever its blades and ratio"))
     request = {**stage.request, "passes": passes, **own_near_clip(camera)}
     if not stage.whole:
         request |= camera_request(camera)
@@ -135,7 +141,7 @@ def make_stage(
     blurred = seen_by is not None and seen_by["type"] == "thinlens" and depsgraph.scene.dogsplat_colors == "LINEAR"
     whole = settings.send == "SCENE" and (blurred or has_surroundings(depsgraph, hidden))
     if not splats.models and not whole:
-        raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
+        _add_hidden(splats, depsgraph)
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     copies = copied_drawings(depsgraph, lambda owner: owner.name_full not in hidden)
@@ -150,6 +156,8 @@ def make_stage(
         request["model"] = str(model)
         files.add(model.name)
     if not whole:
+        if not settings.transparent and one_color(depsgraph.scene_eval.world) is None:
+            notes.append(told(BEHIND))
         return Stage(request | numbered(splats.masks), splats.objects, False, light, files, notes)
     written = write_scene(depsgraph, seen_by, camera, folder, len(splats.models), hidden)
     request |= {"scene": str(folder / written.scene), "max_depth": settings.bounces + 1}
@@ -204,6 +212,22 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
         found.notes += [note for note in notes if note not in found.notes]
         found.masks.append(mask_of(owner, obj, depsgraph))
     return found
+
+
+def _add_hidden(found: _Splats, depsgraph: bpy.types.Depsgraph) -> None:
+    """None of the splats of a model that nobody sees now: an animation goes on where all are hidden for a while.
+
+    Raises ``ValueError`` where the scene has no model.
+    """
+    obj = next(filter(has_splats, objects_in(depsgraph.scene)), None)
+    if obj is None:
+        raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
+    found.models.append(placed_model(obj, depsgraph, np.eye(4), hidden=True).select(np.zeros(0, int)))
+    found.lights.append(light_of(obj))
+    found.matrices.append(np.eye(4))
+    found.objects.append(ShownObject.of(obj, depsgraph))
+    found.masks.append("")
+    found.notes.append(told(HIDDEN))
 
 
 def _write_model(folder: Path, splats: _Splats, light: Light) -> Path:

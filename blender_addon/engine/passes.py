@@ -11,7 +11,7 @@ import numpy as np
 from ..files.light import Light
 from ..files.srgb import decoded, encoded
 from ..objects.working_space import from_working, to_working
-from ..scene.sockets import active_tree, output_of, source_of
+from ..scene.world import one_color
 from .cryptomatte import float_of, key_of, manifest
 from .order import Order
 
@@ -75,19 +75,9 @@ def matte_metadata(layer: str, order: Order) -> dict[str, str]:
 
 
 def world_color(world: bpy.types.World | None) -> np.ndarray:
-    """Linear colour [3] behind splats alone: the Background node of the world, or the colour of the world."""
-    if world is None:
-        return np.zeros(3)
-    if (tree := active_tree(world)) is None:
-        return np.array(world.color)
-    output = output_of(tree)
-    source = source_of(output.inputs["Surface"]) if output else None
-    if source is None:
-        return np.zeros(3)
-    node = source.node
-    if node.type == "BACKGROUND" and not node.inputs["Color"].is_linked:
-        return np.array(node.inputs["Color"].default_value[:3]) * node.inputs["Strength"].default_value
-    return np.array(world.color)
+    """Linear colour [3] behind splats alone; where the nodes of the world have not just one, that of viewports."""
+    color = one_color(world)
+    return np.array(world.color) if world and color is None else color
 
 
 def background(scene: bpy.types.Scene, light: Light) -> np.ndarray:
@@ -107,10 +97,12 @@ def _combined(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Sce
     if not scene.render.film_transparent:
         color = color + (1 - alpha - hole) * background(scene, order.light)
         alpha = np.ones_like(alpha) - hole
+    elif linear and not order.light.linear:
+        color = np.minimum(color, np.maximum(alpha, 0))  # no brighter than white, where lobes take more from alpha
     if order.light.linear:
         shown = to_working(color) if linear else np.clip(encoded(color / order.light.white), 0, 1)
     else:
-        shown = to_working(_radiance(color, 1 - hole)) if linear else color
+        shown = to_working(_radiance(color, alpha)) if linear else color
     return np.concatenate([shown, alpha], axis=2)
 
 

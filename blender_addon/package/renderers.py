@@ -30,6 +30,7 @@ MISSING = (
     "in any Python, and name its command dogsplat in the preferences of this add-on"
 )
 WRONG = '"{command}", the command in the preferences of DoG Splat, is not there; correct or clear it'
+SPEAKS = "dogsplat: "  # begins what the command complains about
 IDLE_SECONDS = 600  # after which a process ends that no frame has come to
 Picture = dict[str, np.ndarray]  # color [H, W, 3], alpha [H, W] and passes, as mi_dogsplat.requests has them
 Request = dict[str, Any]
@@ -156,9 +157,11 @@ class Command:
             done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
         except OSError as error:
             raise RendererError("{name} cannot be started ({reason})", name=self.name, reason=error.strerror) from error
-        if done.returncode:
-            lines = done.stderr.strip().splitlines() or [told("exit status {status}", status=done.returncode)]
-            raise _file_error(path, lines[-1].removeprefix("dogsplat: "))
+        lines = done.stderr.strip().splitlines() or [told("exit status {status}", status=done.returncode)]
+        if done.returncode and lines[-1].startswith(SPEAKS):
+            raise _file_error(path, lines[-1].removeprefix(SPEAKS))
+        if done.returncode or not out.is_file():  # not what the package says of a file, or not the package at all
+            raise RendererError(f"{self.name}: {lines[-1]}")
 
     def stop(self) -> None:
         """End the process; the next picture starts another."""
@@ -180,7 +183,7 @@ def _read(path: str) -> Picture:
 def _file_error(path: Path, line: str) -> FileError:
     """Of a line of the package: file, problem, remedy."""
     problem, _, remedy = (line := line.removeprefix(f"{path}: ")).rpartition("; ")
-    if not problem:  # the last words of something else
+    if not problem:
         return FileError(path, line, "copy or export the file again")
     return FileError(path, problem, remedy)
 
@@ -200,10 +203,11 @@ _RESIDENT: dict[tuple[str, ...], InProcess | Command] = {}  # by the words of th
 def choose_renderer(command: str = "") -> InProcess | Command:
     """The command of the preferences, else this process, else a command on the PATH. Raises ``RendererError``.
 
-    It is the same one as before, so that it need not start again, until ``close_renderers``.
+    It is the same one as before, so that it need not start again, until ``close_renderers``; another one where systems
+    that clean up old temporary files have taken its folder.
     """
     words = words_of(command)
-    if words not in _RESIDENT:
+    if words not in _RESIDENT or not _RESIDENT[words].folder.is_dir():
         close_renderers()
         _RESIDENT[words] = Command(words) if words else InProcess()
     return _RESIDENT[words]

@@ -14,6 +14,9 @@ from ..objects.working_space import from_working, working_space
 from .export import Export, Plugin
 from .written_images import WRITTEN
 
+LINEAR = ("Linear", "ACES2065-1", "ACEScg", "scene_linear")  # how names of linear color spaces begin
+DRAWN = "sRGB", "Linear Rec.709", "scene_linear"  # color spaces of bytes
+
 
 def bitmap(export: Export, image: bpy.types.Image, channel: str = "Color", factor: float = 1.0) -> Plugin | None:
     """A texture of one image; None, with a note, where it has no pixels.
@@ -63,11 +66,12 @@ def _linear(image: bpy.types.Image, pixels: np.ndarray) -> np.ndarray:
 
 def _is_encoded(image: bpy.types.Image) -> bool:
     """Floats are linear once they are loaded, in the working space; bytes as their colour space says."""
-    return not image.is_float and image.colorspace_settings.name.startswith("sRGB")
+    space = image.colorspace_settings
+    return not (image.is_float or space.is_data or space.name.startswith(LINEAR))
 
 
 def _has_pixels(export: Export, image: bpy.types.Image) -> bool:
-    """With a note where it has none, or more than are drawn."""
+    """With a note where it has none, or more than are drawn, or colours of another space."""
     if not all(image.size):
         export.note('the image "{image}" has no pixels; it is left out', image=image.name)
         return False
@@ -75,6 +79,11 @@ def _has_pixels(export: Export, image: bpy.types.Image) -> bool:
         export.note('of the tiles of the image "{image}" only one is drawn', image=image.name)
     elif image.source in ("SEQUENCE", "MOVIE"):
         export.note('of the frames of the image "{image}" only one is drawn', image=image.name)
+    space = image.colorspace_settings
+    if not (image.is_float or space.is_data or space.name in DRAWN):
+        drawn = DRAWN[0] if _is_encoded(image) else DRAWN[1]
+        export.note('the image "{image}" is drawn as one in {drawn}, not in {space}', image=image.name,
+                    drawn=drawn, space=space.name)  # fmt: skip
     return True
 
 

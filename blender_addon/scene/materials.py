@@ -13,7 +13,7 @@ import bpy
 
 from .bsdf import BLACK, SMOOTH, glass, two_sided
 from .export import Export, Plugin, blender_rgb, rgb
-from .principled import principled
+from .principled import bent, note_normal, principled
 from .sockets import Reader, active_tree, output_of
 
 
@@ -30,11 +30,11 @@ class Surface:
         return self.bsdf if self.opacity is None else {"type": "mask", "opacity": self.opacity, "bsdf": self.bsdf}
 
 
-def surface(export: Export, material: bpy.types.Material | None) -> Surface:
-    """What a material looks like."""
+def surface(export: Export, material: bpy.types.Material | None, uv_maps: frozenset[str]) -> Surface:
+    """What a material looks like, on meshes with these UV maps."""
     if material is None:
         return Surface(two_sided({"type": "diffuse", "reflectance": rgb((0.8, 0.8, 0.8))}))
-    reader = Reader(export, material.name)
+    reader = Reader(export, material.name, uv_maps)
     tree = active_tree(material)
     if tree is None:
         return _viewport(reader, material)
@@ -74,18 +74,21 @@ def _principled(reader: Reader, node: bpy.types.Node) -> Surface:
 
 
 def _diffuse(reader: Reader, node: bpy.types.Node) -> Surface:
-    return Surface(two_sided({"type": "diffuse", "reflectance": reader.color(node.inputs["Color"])}))
+    diffuse = {"type": "diffuse", "reflectance": reader.color(node.inputs["Color"])}
+    return Surface(two_sided(bent(reader, node, diffuse)))
 
 
 def _glossy(reader: Reader, node: bpy.types.Node) -> Surface:
     roughness = reader.constant(node.inputs["Roughness"])
     color = {"material": "none", "specular_reflectance": reader.color(node.inputs["Color"])}
     if roughness < SMOOTH:
-        return Surface(two_sided({"type": "conductor", **color}))
-    return Surface(two_sided({"type": "roughconductor", "distribution": "ggx", "alpha": roughness**2, **color}))
+        return Surface(two_sided(bent(reader, node, {"type": "conductor", **color})))
+    rough = {"type": "roughconductor", "distribution": "ggx", "alpha": roughness**2, **color}
+    return Surface(two_sided(bent(reader, node, rough)))
 
 
 def _glass(reader: Reader, node: bpy.types.Node) -> Surface:
+    note_normal(reader, node)
     color = reader.color(node.inputs["Color"])
     tints = {"specular_transmittance": color}
     if node.type == "BSDF_GLASS":
@@ -94,6 +97,7 @@ def _glass(reader: Reader, node: bpy.types.Node) -> Surface:
 
 
 def _translucent(reader: Reader, node: bpy.types.Node) -> Surface:
+    note_normal(reader, node)
     color = reader.color(node.inputs["Color"])
     return Surface({"type": "principledthin", "base_color": color, "roughness": 1.0, "eta": 1.001, "diff_trans": 2.0})
 

@@ -26,6 +26,7 @@ class Part:
     positions: np.ndarray
     normals: np.ndarray
     coordinates: np.ndarray
+    uv_map: str = ""  # of the coordinates, as the mesh has it
 
     def moved(self, matrix: np.ndarray) -> Part:
         """By a [4, 4] matrix; a mirror turns the triangles, so that their front stays where it was."""
@@ -84,7 +85,8 @@ def parts(obj: bpy.types.Object) -> list[Part]:
         if coordinates is None:
             coordinates = np.zeros((count, 3, 2), np.float32)
         found = [(slot, slots == slot) for slot in np.unique(slots)]
-        return [Part(int(slot), positions[own], normals[own], coordinates[own]) for slot, own in found]
+        name = layer.name if layer else ""
+        return [Part(int(slot), positions[own], normals[own], coordinates[own], name) for slot, own in found]
     finally:
         obj.to_mesh_clear()
 

@@ -9,10 +9,11 @@ import numpy as np
 
 from .bsdf import glass, two_sided
 from .export import Plugin, rgb
-from .sockets import Reader
+from .sockets import Reader, constant_of
 
 TRANSPARENT = 0.999  # transmission from which on the rest is not worth a lobe
-LEFT_OUT = ("Subsurface Weight", "Thin Film Thickness", "Anisotropic")
+LEFT_OUT = ("Subsurface Weight", "Thin Film Thickness", "Anisotropic", "Diffuse Roughness")
+TINTS = {"Specular Tint": "Specular IOR Level", "Coat Tint": "Coat Weight", "Sheen Tint": "Sheen Weight"}  # of what
 
 
 def principled(reader: Reader, node: bpy.types.Node) -> tuple[Plugin, Plugin | None, float | Plugin | None]:
@@ -21,20 +22,24 @@ def principled(reader: Reader, node: bpy.types.Node) -> tuple[Plugin, Plugin | N
     for name in LEFT_OUT:
         if name in inputs and (inputs[name].is_linked or inputs[name].default_value > 0):
             reader.note('"{name}" is left out', name=name)
+    for name, weight in TINTS.items():
+        if constant_of(inputs[weight]) != 0 and not np.array_equal(constant_of(inputs[name]), (1, 1, 1)):
+            reader.note('"{name}" is left out', name=name)
     base, transmission = reader.color(inputs["Base Color"]), reader.number(inputs["Transmission Weight"])
     metallic, roughness = reader.number(inputs["Metallic"]), reader.number(inputs["Roughness"])
     ior = reader.constant(inputs["IOR"])
     if isinstance(transmission, float) and transmission > TRANSPARENT and metallic == 0:
         rough = roughness if isinstance(roughness, float) else reader.constant(inputs["Roughness"])
         bsdf = glass(rough, ior, {"specular_transmittance": _root(reader, base)})
+        note_normal(reader, node)
     else:
         values = {"base_color": base, "metallic": metallic, "roughness": roughness, **_coatings(reader, node)}
         if transmission == 0:
             eta = eta_of(ior, reader.constant(inputs["Specular IOR Level"]))
-            bsdf = two_sided(_bent(reader, node, {"type": "principled", "eta": eta, **values}))
+            bsdf = two_sided(bent(reader, node, {"type": "principled", "eta": eta, **values}))
         else:
             values |= {"eta": max(ior, 1.001), "spec_trans": transmission}
-            bsdf = _bent(reader, node, {"type": "principled", **values})
+            bsdf = bent(reader, node, {"type": "principled", **values})
     alpha = reader.number(inputs["Alpha"])
     return bsdf, _radiance(reader, node), None if alpha == 1 else alpha
 
@@ -64,14 +69,20 @@ def _root(reader: Reader, base: Plugin) -> Plugin:
     return rgb(np.sqrt(np.maximum(base["value"], 0)))
 
 
-def _bent(reader: Reader, node: bpy.types.Node, bsdf: Plugin) -> Plugin:
+def note_normal(reader: Reader, node: bpy.types.Node) -> None:
+    """Say that the normals of a shader are not bent, where they would be."""
+    if "Normal" in node.inputs and (source := reader.source(node.inputs["Normal"])) is not None:
+        reader.note('the node "{node}" does not bend normals in Mitsuba', node=source.node.name)
+
+
+def bent(reader: Reader, node: bpy.types.Node, bsdf: Plugin) -> Plugin:
     """With the normal map of the node."""
     source = reader.source(node.inputs["Normal"])
     if source is None:
         return bsdf
     normal = source.node
     if normal.type != "NORMAL_MAP" or normal.space != "TANGENT":
-        reader.note('the node "{node}" does not bend normals in Mitsuba', node=normal.name)
+        note_normal(reader, node)
         return bsdf
     if normal.inputs["Strength"].is_linked or normal.inputs["Strength"].default_value != 1:
         reader.note("its normal map has the strength 1")

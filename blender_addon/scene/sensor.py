@@ -55,10 +55,13 @@ def _lens_radius(data: bpy.types.Camera) -> float:
 
 
 def _focus(obj: bpy.types.Object) -> float:
-    """Along the axis, to the object in focus where there is one."""
-    target = obj.data.dof.focus_object
+    """Along the axis, to the object in focus where there is one, or to its bone."""
+    target, bone = obj.data.dof.focus_object, obj.data.dof.focus_subtarget
     if target is None:
         return max(obj.data.dof.focus_distance, 1e-4)
-    offset = np.array(target.matrix_world.translation) - np.array(obj.matrix_world.translation)
+    place = target.matrix_world
+    if bone and target.pose and bone in target.pose.bones:
+        place = place @ target.pose.bones[bone].matrix
+    offset = np.array(place.translation) - np.array(obj.matrix_world.translation)
     axis = -np.array(obj.matrix_world.normalized())[:3, 2]
     return max(float(offset @ axis), 1e-4)

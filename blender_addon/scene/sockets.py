@@ -22,6 +22,7 @@ class Reader:
 
     export: Export
     owner: str
+    uv_maps: frozenset[str] = frozenset()  # those that are rendered, of the meshes that have it
 
     def note(self, text: str, **values: Any) -> None:
         """Say once what is drawn differently; a template where there are values."""
@@ -74,6 +75,8 @@ class Reader:
             return None
         if node.extension not in WRAPPING:
             self.note('the image of "{node}" is repeated at its edges, not cut off', node=node.name)
+        if node.projection != "FLAT":
+            self.note('the image of "{node}" is not projected, but laid by texture coordinates', node=node.name)
         texture["wrap_mode"] = WRAPPING.get(node.extension, "repeat")
         texture["filter_type"] = "nearest" if node.interpolation == "Closest" else "bilinear"
         placing = self._placing(node)
@@ -90,15 +93,29 @@ class Reader:
             found = np.array([[cos * scale[0], -sin * scale[1], location[0]],
                               [sin * scale[0], cos * scale[1], location[1]], [0, 0, 1]])  # fmt: skip
             source = self.source(mapping.inputs["Vector"])
-        if source is not None and not (source.node.type == "UVMAP" or source.name == "UV"):
+        if source is not None and not self._is_rendered(source):
             problem = '"{image}" takes the texture coordinates of the mesh, instead of "{node}"'
             self.note(problem, image=node.name, node=source.node.name)
         return found
+
+    def _is_rendered(self, source: Any) -> bool:
+        """Whether it gives the UV map that is rendered, of each mesh."""
+        if source.node.type != "UVMAP":
+            return source.name == "UV"
+        return not source.node.uv_map or self.uv_maps <= {source.node.uv_map}
 
     def _vector(self, socket: bpy.types.NodeSocket) -> np.ndarray:
         if self.source(socket) is not None:
             self.note('what "{socket}" of a mapping is linked to is left out', socket=socket.name)
         return np.array(socket.default_value[:], np.float64)
+
+
+def constant_of(socket: bpy.types.NodeSocket) -> Any:
+    """The number or colour [3] that flows into a socket; None where nodes calculate it."""
+    source = source_of(socket)
+    if source is not None:
+        return _constant(source.node)
+    return socket.default_value if socket.type == "VALUE" else socket.default_value[:3]
 
 
 def _constant(node: bpy.types.Node) -> float | tuple[float, ...] | None:
@@ -115,16 +132,21 @@ def active_tree(owner: Any) -> bpy.types.NodeTree | None:
 
 
 def source_of(socket: bpy.types.NodeSocket) -> Any:
-    """The socket that a link begins at, past reroutes; None where there is no link."""
+    """The socket that a link begins at, past reroutes and muted nodes; None where there is no link."""
     while socket.is_linked and not socket.links[0].is_muted:
         start = socket.links[0].from_socket
-        if start.node.type != "REROUTE":
+        if start.node.type == "REROUTE":
+            socket = start.node.inputs[0]
+        elif not start.node.mute:
             return start
-        socket = start.node.inputs[0]
+        else:  # Blender draws a link through it, or none
+            through = (link.from_socket for link in start.node.internal_links if link.to_socket == start)
+            if (inner := next(through, None)) is None:
+                return None
+            socket = inner
     return None
 
 
 def output_of(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
-    """Its active output, for all engines or for Cycles."""
-    outputs = [node for node in tree.nodes if node.type.startswith("OUTPUT_")]
-    return next((node for node in outputs if node.is_active_output), outputs[0] if outputs else None)
+    """Its active output, for all engines or for Cycles, else one for EEVEE."""
+    return tree.get_output_node("CYCLES") or tree.get_output_node("EEVEE")

@@ -8,7 +8,7 @@ import numpy as np
 from ..objects.working_space import from_working
 from .export import Export, Plugin, matrix, rgb
 from .images import environment
-from .sockets import Reader, active_tree, output_of
+from .sockets import Reader, active_tree, constant_of, output_of, source_of
 
 # A direction in the coordinates of the picture, as Blender looks it up, in those of Mitsuba's envmap
 ENVMAP_FROM_BLENDER = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
@@ -44,6 +44,23 @@ def is_plain(world: bpy.types.World | None) -> bool:
     """Whether it is one colour everywhere."""
     tree = active_tree(world) if world else None
     return tree is None or not any(node.type.startswith("TEX_") for node in tree.nodes)
+
+
+def one_color(world: bpy.types.World | None) -> np.ndarray | None:
+    """The linear colour [3] of the Background node that a world shows, or of the world without nodes; None where other
+    nodes calculate it."""
+    if world is None:
+        return np.zeros(3)
+    if (tree := active_tree(world)) is None:
+        return np.array(world.color)
+    output = output_of(tree)
+    source = source_of(output.inputs["Surface"]) if output else None
+    if source is None:
+        return np.zeros(3)
+    if source.node.type != "BACKGROUND":
+        return None
+    color, strength = (constant_of(source.node.inputs[name]) for name in ("Color", "Strength"))
+    return None if color is None or strength is None else np.ones(3) * color * np.mean(strength)
 
 
 def _picture(reader: Reader, node: bpy.types.Node, strength: float) -> Plugin | None:

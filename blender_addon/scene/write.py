@@ -28,7 +28,7 @@ WITH_FACES = ("MESH", "META")  # Blender lists what others become as instances t
 Kind = tuple[int, tuple[str, ...]]  # geometry and materials: what is the same is stored once
 LAMP = "light_"  # begins the id of a lamp
 RAYS = ("visible_diffuse", "visible_glossy", "visible_transmission", "visible_shadow")  # to which objects are shown
-WITHOUT = ("VOLUME", "POINTCLOUD", "CURVES", "GREASEPENCIL", "GPENCIL")
+WITHOUT = ("VOLUME", "POINTCLOUD", "CURVES")  # Grease Pencil is drawn by Blender, over the picture of any engine
 
 
 @dataclass
@@ -175,12 +175,12 @@ def _material_id(material: bpy.types.Material | None) -> str:
 
 def _materials(export: Export, found: Gathered) -> dict[str, Surface]:
     """Each once, by its id."""
-    used = [_material_of(body, part) for body in found.bodies for part in found.geometry[body.key]]
-    surfaces: dict[str, Surface] = {}
-    for material in used:
-        if (name := _material_id(material)) not in surfaces:
-            surfaces[name] = surface(export, material)
-    return surfaces
+    used: dict[str, tuple[bpy.types.Material | None, set[str]]] = {}
+    for body in found.bodies:
+        for part in found.geometry[body.key]:
+            material = _material_of(body, part)
+            used.setdefault(_material_id(material), (material, set()))[1].add(part.uv_map)
+    return {name: surface(export, material, frozenset(maps)) for name, (material, maps) in used.items()}
 
 
 def _bodies(

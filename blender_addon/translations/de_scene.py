@@ -10,12 +10,16 @@ NOTES = {
     '"{name}": its splats are left out, as it is scaled to nothing along an axis': (
         "„{name}“: seine Splats werden weggelassen, da es entlang einer Achse auf nichts skaliert ist"
     ),
+    "all splats are hidden from this picture": "alle Splats sind in diesem Bild verborgen",
     "motion blur is left out": "Bewegungsunschärfe wird weggelassen",
     "depth of field is left out; it takes Whole Scene and Linear colors": (
         "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"
     ),
     "depth of field is left out; it takes a perspective camera": (
         "Schärfentiefe wird weggelassen; dazu braucht es eine perspektivische Kamera"
+    ),
+    "the aperture is round, whatever its blades and ratio": (
+        "die Blende ist rund, unabhängig von ihren Lamellen und ihrem Verhältnis"
     ),
     '"{name}": a shadow catcher is drawn as any other object': (
         "„{name}“: ein Schattenfänger wird wie jedes andere Objekt gezeichnet"
@@ -33,6 +37,9 @@ NOTES = {
     ),
     'the node "{node}" has no counterpart in Mitsuba; the world has its viewport color': (
         "der Node „{node}“ hat kein Gegenstück in Mitsuba; die Welt hat ihre Farbe im Ansichtsfenster"
+    ),
+    "the nodes of the world are left out; behind splats alone is its viewport color": (
+        "die Nodes der Welt werden weggelassen; hinter Splats allein ist ihre Farbe im Ansichtsfenster"
     ),
     "the picture of the world is taken as equirectangular": "das Bild der Welt wird als äquirektangular verstanden",
     'the mapping "{mapping}" is left out': "das Mapping „{mapping}“ wird weggelassen",
@@ -60,6 +67,12 @@ NOTES = {
     ),
     'of the frames of the image "{image}" only one is drawn': (
         "von den Einzelbildern des Bildes „{image}“ wird nur eines gezeichnet"
+    ),
+    'the image "{image}" is drawn as one in {drawn}, not in {space}': (
+        "das Bild „{image}“ wird wie eines in {drawn} gezeichnet, nicht in {space}"
+    ),
+    'the image of "{node}" is not projected, but laid by texture coordinates': (
+        "das Bild von „{node}“ wird nicht projiziert, sondern nach Texturkoordinaten gelegt"
     ),
     'the texture of "{socket}" is left out': "die Textur von „{socket}“ wird weggelassen",
     'the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value': (

@@ -79,12 +79,14 @@ class Views:
             behind = [dr.opaque(mi.Float, value) for value in request.background]
             colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
             alpha = dr.full(mi.Float, 1, dr.width(frame.T))
+        alpha = alpha if hole is None else alpha - hole
         if request.linear and not drawn.linear:
-            share = 1.0 if hole is None else dr.maximum(1 - hole, 1e-6)  # of the pixel, of which colours are the mean
+            share = dr.maximum(alpha, 1e-6)  # of the pixel, of which colours are the mean
+            if request.background is None:  # negative lobes may take more alpha than colour: then white, as in a file
+                colors = [dr.minimum(c, share) for c in colors]
             colors = [share * c for c in srgb_to_linear([c / share for c in colors])]
         elif drawn.linear and not request.linear:
             colors = [dr.clip(c, 0, 1) for c in linear_to_srgb([c / white for c in colors])]
-        alpha = alpha if hole is None else alpha - hole
         pixels: Any = dr.ravel(mi.Vector4f(*colors, alpha))
         yield 1.0, pixels.numpy().reshape(camera.height, camera.width, 4)
 

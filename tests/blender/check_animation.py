@@ -136,3 +136,14 @@ def test_a_scene_whose_only_splats_are_scaled_to_nothing_is_drawn(scene, by_comm
     scene.dogsplat.samples = 4
     found = picture(scene, render_engine.ENGINE, tmp_path)
     assert found.max() == (pytest.approx(0.5, abs=0.01) if bodies else 0)
+
+
+def test_where_all_splats_are_hidden_for_a_while_the_animation_goes_on(scene, monkeypatch, tmp_path, model):
+    """With the world alone, and a line that says so."""
+    place_camera(scene, "dog")
+    key(load(model), "hide_render", True, False)
+    background(scene, (1, 0, 0, 1))
+    first, second = frames(scene, monkeypatch, tmp_path)
+    assert first.order.request["counts"] == [0] and first.order.notes == ["all splats are hidden from this picture"]
+    assert second.order.request["counts"] == [150] and second.order.notes == []
+    assert first.corner == second.corner == pytest.approx((1, 0, 0, 1))

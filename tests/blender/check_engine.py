@@ -6,10 +6,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import as_srgb, picture, psnr, rendered
+from blender_pictures import as_srgb, picture, psnr, rendered, with_alpha
 from edits import cropped, shown
+from mathutils import Matrix
 from model_files import load
 from references import REFERENCES, place_camera, reference
+from surroundings import background, link
 
 from blender_addon import render_engine as engine
 from blender_addon.engine.order import make_order
@@ -152,6 +154,27 @@ def test_nothing_colors_the_exact_picture(scene, rows, tmp_path):
     assert bpy.data.images.load(render.filepath).pixels[:3] == pytest.approx((0.5, 0.5, 0.5), abs=0.003)
 
 
+def test_a_transparent_picture_over_white_is_the_exact_one(scene, by_command, tmp_path):
+    """As any program lays a PNG over a page; so is it over any other color."""
+    place_camera(scene, "plain")
+    load(REFERENCES / "plain.ply")
+    render, (color, alpha) = scene.render, (reference("plain")[name] for name in ("color", "alpha"))
+    scene.view_settings.view_transform, render.engine, render.film_transparent = "Standard", engine.ENGINE, True
+    render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGBA"
+    render.filepath, render.dither_intensity = str(tmp_path / "out.png"), 0.0
+    bpy.ops.render.render(write_still=True)
+    pixels = np.array(bpy.data.images.load(render.filepath).pixels).reshape(*alpha.shape, 4)[::-1]
+    over = pixels[..., 3:] * pixels[..., :3] + 1 - pixels[..., 3:]
+    assert 0.1 < alpha.mean() < 0.9 and psnr(over, color + 1 - alpha[..., None]) > 45
+
+
+def test_a_pixel_with_more_color_than_alpha_is_white(scene, rows, tmp_path):
+    """As negative lobes leave it: no number that outshines all others."""
+    scene.dogsplat_colors, scene.render.film_transparent = "LINEAR", True
+    rows.render = lambda request, *_: {"color": np.full((64, 96, 3), 0.3), "alpha": np.full((64, 96), 0.001)}
+    assert with_alpha(scene, engine.ENGINE, tmp_path) == pytest.approx(0.001, abs=1e-6)
+
+
 def test_linear_colors_are_those_of_the_integrator(scene, by_command, tmp_path):
     place_camera(scene, "dog")
     load(REFERENCES / "dog.ply")
@@ -223,6 +246,20 @@ def refusal() -> str:
     return line
 
 
+def test_nodes_of_the_world_that_are_left_out_are_said(scene, tmp_path):
+    """Not where nobody sees the world."""
+    place_camera(scene, "square")
+    load(REFERENCES / "square.ply")
+    graph = bpy.context.evaluated_depsgraph_get
+    assert make_order(graph(), tmp_path, []).notes == []
+    strength = background(scene).inputs["Strength"]
+    link(scene.world.node_tree, "ShaderNodeMath", "Value", strength)
+    (note,) = make_order(graph(), tmp_path, []).notes
+    assert "viewport color" in note
+    scene.render.film_transparent = True
+    assert make_order(graph(), tmp_path, []).notes == []
+
+
 @pytest.mark.parametrize("send, colors, blurred", [
     ("SCENE", "LINEAR", True), ("SCENE", "DISPLAY", False), ("SPLATS", "LINEAR", False),
 ])  # fmt: skip
@@ -240,3 +277,20 @@ def test_depth_of_field_is_drawn_by_paths_or_said_to_be_left_out(scene, tmp_path
         assert json.loads(Path(order.request["scene"]).read_text())["sensor"]["type"] == "thinlens"
     said = ["depth of field is left out; it takes Whole Scene and Linear colors"]
     assert order.notes[1:] == ([] if blurred else said)
+    scene.camera.data.dof.aperture_blades = 5
+    order = make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, [])
+    assert order.notes[1:] == (["the aperture is round, whatever its blades and ratio"] if blurred else said)
+
+
+def test_a_bone_is_in_focus_where_it_is_posed(scene, tmp_path):
+    place_camera(scene, "square")
+    load(REFERENCES / "square.ply")
+    bpy.ops.object.armature_add(enter_editmode=False)
+    rig, dof = bpy.context.object, scene.camera.data.dof
+    rig.matrix_world = scene.camera.matrix_world @ Matrix.Translation((0, 0, -2))
+    rig.pose.bones[0].matrix = Matrix.Translation((0, 0, -1))
+    dof.use_dof, dof.focus_object = True, rig
+    for bone, distance in (("", 2.0), (rig.pose.bones[0].name, 3.0)):
+        dof.focus_subtarget = bone
+        request = make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, []).request
+        assert json.loads(Path(request["scene"]).read_text())["sensor"]["focus_distance"] == pytest.approx(distance)

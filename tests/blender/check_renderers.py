@@ -11,7 +11,7 @@ from references import REFERENCES, place_camera, reference
 from blender_addon.cameras.objects import camera_numbers
 from blender_addon.files.errors import FileError
 from blender_addon.package import renderers
-from blender_addon.package.renderers import Command, InProcess, choose_renderer, close_renderers
+from blender_addon.package.renderers import Command, InProcess, choose_renderer, close_renderers, converted
 from blender_addon.package.served import Cancelled, RendererError
 
 
@@ -100,11 +100,34 @@ def test_what_the_command_complains_about_is_shown_in_one_line(request_of_dog, s
     failing.close()
 
 
-def test_a_conversion_that_breaks_off_says_its_last_words_once(tmp_path):
-    failing = Command((sys.executable, "-c", "import sys; sys.exit('killed by somebody')"))
-    with pytest.raises(FileError, match="^model.sog: killed by somebody; copy or export the file again$"):
+@pytest.mark.parametrize("script, reason", [
+    ("import sys; sys.exit('killed by somebody')", "killed by somebody"),
+    ("import no_package_of_this_name", "No module named 'no_package_of_this_name'"),
+    ("pass", "exit status 0"),
+])  # fmt: skip
+def test_a_command_that_converts_nothing_is_named_and_not_the_file(monkeypatch, tmp_path, script, reason):
+    """A Python without the package, say: the model need not be exported again."""
+    failing = Command((sys.executable, "-c", script))
+    monkeypatch.setattr(renderers, "choose_renderer", lambda words: failing)
+    with pytest.raises(FileError, match=f"^model.sog: only the package .*: .*{reason}; install") as told:
+        converted("", Path("model.sog"), tmp_path / "out.ply")
+    assert "\n" not in str(told.value)
+    failing.close()
+
+
+def test_what_the_package_says_of_a_file_is_said_of_it(tmp_path):
+    failing = Command((sys.executable, "-c", "import sys; sys.exit('dogsplat: model.sog: is torn; mend it')"))
+    with pytest.raises(FileError, match="^model.sog: is torn; mend it$"):
         failing.convert(Path("model.sog"), tmp_path / "out.ply")
     failing.close()
+
+
+def test_a_renderer_whose_folder_was_cleaned_up_is_replaced():
+    first = choose_renderer(sys.executable)
+    first.folder.rmdir()
+    second = choose_renderer(sys.executable)
+    assert second is not first and second.folder.is_dir()
+    close_renderers()
 
 
 def test_without_mitsuba_the_message_says_what_to_install(monkeypatch):

@@ -32,6 +32,68 @@ def test_what_has_no_counterpart_is_drawn_in_its_viewport_colour_and_said(scene,
     assert drawn["bsdf"]["base_color"]["value"] == pytest.approx([0.25, 0.5, 0.75])
 
 
+def test_muted_nodes_do_what_they_do_in_blender(scene, tmp_path):
+    """A link goes through them, or none; one that turns a texture turns none."""
+    camera(scene, (0, 0, 8))
+    tree = body(plane(2), material("ShaderNodeBsdfDiffuse", Color=GREY)).data.materials[0].node_tree
+    shader = next(node for node in tree.nodes if node.type == "BSDF_DIFFUSE")
+    hue = link(tree, "ShaderNodeHueSaturation", "Color", shader.inputs["Color"])
+    texture = link(tree, "ShaderNodeTexImage", "Color", hue.inputs["Color"])
+    mapping = link(tree, "ShaderNodeMapping", "Vector", texture.inputs["Vector"])
+    mapping.inputs["Scale"].default_value = (3, 3, 3)
+    texture.image = image("picture", lambda x, y: (x, y, x))
+    hue.mute = mapping.mute = True
+    result, described = written(scene, tmp_path)
+    (drawn,) = [value for key, value in described.items() if key.startswith("material_")]
+    assert drawn["bsdf"]["reflectance"]["type"] == "bitmap" and "to_uv" not in drawn["bsdf"]["reflectance"]
+    assert result.notes == []
+    texture.mute = True
+    (drawn,) = [value for key, value in written(scene, tmp_path)[1].items() if key.startswith("material_")]
+    assert drawn["bsdf"]["reflectance"]["value"] == pytest.approx(GREY[:3])
+
+
+@pytest.mark.parametrize("kind", ["Diffuse", "Glossy", "Glass", "Translucent", "Principled"])
+def test_bent_normals_are_drawn_or_said_to_be_straight(scene, tmp_path, kind):
+    """Of what transmits everything they are straight."""
+    camera(scene, (0, 0, 8))
+    shader = "ShaderNodeBsdfAnisotropic" if kind == "Glossy" else f"ShaderNodeBsdf{kind}"
+    tree = body(plane(2), material(shader)).data.materials[0].node_tree
+    (node,) = [node for node in tree.nodes if node.bl_idname == shader]
+    if kind == "Principled":
+        node.inputs["Transmission Weight"].default_value = 1.0
+    normal = link(tree, "ShaderNodeNormalMap", "Normal", node.inputs["Normal"])
+    link(tree, "ShaderNodeTexImage", "Color", normal.inputs["Color"]).image = image("map", lambda x, y: (x, y, x))
+    result, described = written(scene, tmp_path)
+    (drawn,) = [value for key, value in described.items() if key.startswith("material_")]
+    bends = kind in ("Diffuse", "Glossy")
+    assert (drawn.get("bsdf", {}).get("type") == "normalmap") is bends
+    assert any("does not bend normals" in note for note in result.notes) is not bends
+
+
+def test_tints_of_principled_are_said_where_they_tint(scene, tmp_path):
+    camera(scene, (0, 0, 8))
+    tree = body(plane(2), material("ShaderNodeBsdfPrincipled")).data.materials[0].node_tree
+    inputs = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED").inputs
+    inputs["Coat Tint"].default_value = inputs["Sheen Tint"].default_value = (1, 0, 0, 1)
+    inputs["Sheen Weight"].default_value = inputs["Coat Weight"].default_value = 0.0
+    assert written(scene, tmp_path)[0].notes == []
+    inputs["Coat Weight"].default_value = 1.0
+    (note,) = written(scene, tmp_path)[0].notes
+    assert '"Coat Tint" is left out' in note
+
+
+def test_of_several_outputs_the_one_for_cycles_is_drawn(scene, tmp_path):
+    """Though that for EEVEE is the active one."""
+    camera(scene, (0, 0, 8))
+    tree = body(plane(2), material("ShaderNodeEmission")).data.materials[0].node_tree
+    (first,) = [node for node in tree.nodes if node.type == "OUTPUT_MATERIAL"]
+    second = tree.nodes.new("ShaderNodeOutputMaterial")
+    link(tree, "ShaderNodeBsdfDiffuse", "BSDF", second.inputs["Surface"]).inputs["Color"].default_value = GREY
+    second.target, first.target, first.is_active_output = "CYCLES", "EEVEE", True
+    (drawn,) = [value for key, value in written(scene, tmp_path)[1].items() if key.startswith("material_")]
+    assert drawn["bsdf"]["reflectance"]["value"] == pytest.approx(GREY[:3])
+
+
 def test_the_material_of_the_view_layer_is_that_of_all_bodies(scene, tmp_path):
     """Also where an object has several of its own, or none."""
     camera(scene, (0, 0, 8))
@@ -98,6 +160,50 @@ def test_an_image_of_many_pictures_is_said_to_be_one(tmp_path, source, word):
     export = Export(tmp_path)
     assert bitmap(export, picture)["type"] == "bitmap"
     assert export.notes == ([f'of the {word} of the image "many.0000" only one is drawn'] if word else [])
+
+
+@pytest.mark.parametrize("space, raw, said", [
+    ("sRGB", False, ""), ("Linear Rec.709", True, ""), ("Non-Color", True, ""), ("Filmic sRGB", False, "sRGB"),
+    ("ACEScg", True, "Linear Rec.709"),
+])  # fmt: skip
+def test_bytes_of_other_color_spaces_are_drawn_as_the_nearest_and_said(tmp_path, space, raw, said):
+    """Curved numbers are never taken for linear light."""
+    picture, export = image("picture", lambda x, y: (x, y, x)), Export(tmp_path)
+    picture.colorspace_settings.name = space
+    assert bitmap(export, picture)["raw"] is raw
+    assert export.notes == ([f'the image "picture" is drawn as one in {said}, not in {space}'] if said else [])
+
+
+def test_uv_maps_that_are_not_rendered_and_projections_are_said(scene, tmp_path):
+    """Of two meshes with a material the second has no map of that name."""
+    camera(scene, (0, 0, 8))
+    wall = body(plane(2), material("ShaderNodeBsdfDiffuse", Color=GREY))
+    tree = wall.data.materials[0].node_tree
+    shader = next(node for node in tree.nodes if node.type == "BSDF_DIFFUSE")
+    texture = link(tree, "ShaderNodeTexImage", "Color", shader.inputs["Color"])
+    texture.image = image("picture", lambda x, y: (x, y, x))
+    chosen = link(tree, "ShaderNodeUVMap", "UV", texture.inputs["Vector"])
+    chosen.uv_map = wall.data.uv_layers[0].name
+    assert written(scene, tmp_path)[0].notes == []
+    chosen.uv_map = wall.data.uv_layers.new(name="second").name
+    problem = f'"{texture.name}" takes the texture coordinates of the mesh, instead of "{chosen.name}"'
+    owner = wall.data.materials[0].name
+    assert written(scene, tmp_path)[0].notes == [f'"{owner}": {problem}']
+    wall.data.uv_layers["second"].active_render = True
+    assert written(scene, tmp_path)[0].notes == []
+    body(plane(1), wall.data.materials[0])
+    assert written(scene, tmp_path)[0].notes == [f'"{owner}": {problem}']
+    texture.projection = "BOX"
+    assert any("not projected" in note for note in written(scene, tmp_path)[0].notes)
+
+
+def test_what_blender_draws_itself_is_not_said_to_be_left_out(scene, tmp_path):
+    """Grease Pencil, over the picture of any engine."""
+    camera(scene, (0, 0, 8))
+    plane(2)
+    kinds = [name for name in ("grease_pencil_add", "gpencil_add") if name in dir(bpy.ops.object)]
+    getattr(bpy.ops.object, kinds[0])(type="STROKE")
+    assert written(scene, tmp_path)[0].notes == []
 
 
 def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):

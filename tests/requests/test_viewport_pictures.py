@@ -68,6 +68,8 @@ def test_splats_alone_are_those_of_the_final_picture(folder, views):
     found = last(views, {**request, "background": behind, "linear": True})
     np.testing.assert_allclose(found[..., :3], srgb_to_linear(color + (1 - alpha) * behind), atol=1e-5)
     assert (found[..., 3] == 1).all()
+    found, share = last(views, {**request, "linear": True}), np.maximum(alpha, 1e-6)
+    np.testing.assert_allclose(found[..., :3], share * srgb_to_linear(np.minimum(color / share, 1)), atol=1e-5)
 
 
 def test_a_share_is_that_of_the_most_important(folder, views):
