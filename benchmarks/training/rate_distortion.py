@@ -47,12 +47,11 @@ from mi_dogsplat.training.strategy.scheduler import target_count
 
 from .kept import same_settings
 
-MEASURES = {"psnr": "PSNR, dB", "ssim": "SSIM", "flip": "FLIP"}
+MEASURES = {"psnr": "PSNR, dB", "ssim": "SSIM", "flip": "FLIP (lower is better)", "lpips": "LPIPS (lower is better)"}
 AXES = {"bytes": ("file, MB", 1e-6), "n": ("primitives", 1.0)}
-PLOTS = (("bytes", "psnr"), ("n", "psnr"), ("bytes", "ssim"), ("bytes", "flip"))
+PLOTS = (("bytes", "psnr"), ("n", "psnr"), ("bytes", "ssim"), ("bytes", "flip"), ("bytes", "lpips"))
 EXPORTS = {"spz": ".spz", "sog": ".sog", "compressed PLY": ".compressed.ply"}
-LPIPS = "lpips"
-COLUMNS = ("curve", "run", "file", "n", "n_dog", "bytes", "bytes_each", *MEASURES, LPIPS, "render_ms", "train_seconds")
+COLUMNS = ("curve", "run", "file", "n", "n_dog", "bytes", "bytes_each", *MEASURES, "render_ms", "train_seconds")
 PAGE = """{% extends "report/templates/base.html" %}{% from "report/templates/parts.html" import plots as drawn %}
 {% block body %}<h1>{{ title }}</h1>
 <p>Views of {{ data }} that are not trained on; every file is read back.
@@ -145,15 +144,15 @@ def row_of(file: File, splats: Splats, found: Mapping[str, float]) -> dict:
     size = file.path.stat().st_size
     row = {"curve": file.curve, "run": file.run, "file": file.path.name, "n": splats.n_splats, "n_dog": splats.n_dog}
     row |= {"bytes": size, "bytes_each": round(size / splats.n_splats, 2)}
-    row |= {name: round(found[name], 4) if name in found else None for name in (*MEASURES, LPIPS)}
+    row |= {name: round(found[name], 4) if name in found else None for name in MEASURES}
     return row | {"render_ms": None, "train_seconds": file.train_seconds and round(file.train_seconds, 1)}
 
 
 def plots(rows: list[dict]) -> list[str]:
-    """Each measure against bytes, and PSNR against what a render pays for; one curve for each name."""
+    """Each measure that was taken against bytes, and PSNR against what a render pays for; one curve for each name."""
     names = list(dict.fromkeys(row["curve"] for row in rows))
     drawn = []
-    for quantity, measure in PLOTS:
+    for quantity, measure in (plot for plot in PLOTS if all(row[plot[1]] is not None for row in rows)):
         (unit, factor), words, series = AXES[quantity], MEASURES[measure], []
         for k, name in enumerate(names):
             own = sorted((row for row in rows if row["curve"] == name), key=lambda row: row[quantity])
