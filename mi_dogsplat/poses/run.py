@@ -41,7 +41,7 @@ from .matching import match
 from .output import undistort, write_model
 from .photographs import prepare, prepare_masks
 from .summary import Summary, outcome_of, summary_of
-from .video import require_av
+from .video import require_video
 from .world import place
 
 DATABASE, SECONDS, COPIED = "work/database.db", "work/seconds.json", "work/copied.json"
@@ -130,7 +130,7 @@ def find_poses(
     masks = mask_folder(source, config.masks)
     photographs = {} if is_video(source) else find_photographs(source, out, masks)
     if not photographs:
-        require_av()
+        require_video(source)
     search = Search(source, photographs, masks, out, config)
     begin(out / SETTINGS, search.settings(), "search for poses", search.free())
     with locked(out, "another process is looking for poses in it"):

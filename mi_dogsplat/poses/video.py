@@ -6,7 +6,7 @@ a level of its log would have ffmpeg's threads wait for Python, and Python for t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +22,17 @@ REMEDY = "export it again, as .mp4 with H.264, or give the frames as a folder of
 MAX_DAMAGED = 0.1  # of the packets of a video that can be used
 
 
-def require_av() -> None:
-    """Raise ``ModuleNotFoundError`` where PyAV is not installed, before anything is written."""
-    import av  # noqa: F401
+def require_video(path: Path) -> None:
+    """Raise ``DataError`` for a video without a frame that can be read, ``ModuleNotFoundError`` where PyAV is not
+    installed; before anything is written."""
+    frames = read_frames(path)
+    try:
+        next(frames)
+    finally:
+        frames.close()
 
 
-def read_frames(path: Path) -> Iterator[tuple[int, Any, float]]:
+def read_frames(path: Path) -> Generator[tuple[int, Any, float], None, None]:
     """(index, ``av.VideoFrame``, its pixels' width over their height) of each frame that can be decoded.
 
     They come in the order in which they are shown. Raises ``DataError`` for what is no video or has colours that cannot

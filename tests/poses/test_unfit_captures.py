@@ -71,7 +71,15 @@ def test_what_is_no_capture_is_one_line(tmp_path, capsys, pixels):
         status, out, err = run(capsys, "poses", path, "-o", tmp_path / "out")
         assert status == 2 and err.splitlines()[-1].startswith("dogsplat: ") and "Traceback" not in err, err
         assert all(word in err.splitlines()[-1] for word in words), err
+        assert path == broken or not (tmp_path / "out").exists()  # it may be left out, and the rest is kept
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
+
+
+def test_a_training_on_a_video_that_cannot_be_read_leaves_no_folder(tmp_path, capsys):
+    (tmp_path / "walk.mp4").write_bytes(b"\0" * 5000)
+    status, _, err = run(capsys, "train", tmp_path / "walk.mp4", "-o", tmp_path / "run")
+    assert status == 2 and "cannot be read as a video" in err.splitlines()[-1]
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_video_in_which_nothing_moves_is_one_line(tmp_path, pixels):

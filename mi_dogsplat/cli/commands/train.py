@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -82,5 +83,9 @@ def _posed(config: TrainConfig, run: Path) -> TrainConfig:
     prepare_folder(run)
     out = run / POSED
     say(f"{config.data} has no cameras: finding its poses, into {out}")
-    search_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
+    try:
+        search_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
+    finally:
+        with suppress(OSError):  # where something is left
+            run.rmdir()
     return replace(config, data=str(out), masks=str(out / "masks") if (out / "masks").is_dir() else None)
