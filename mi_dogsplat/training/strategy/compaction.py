@@ -81,6 +81,7 @@ class Compaction(Strategy[Compacted]):
         decision = scheduler.decide(t.step_count, size, measured)
         if not decision.prune:
             return [Refined(decision.reason, measured)]
+        state.settled = self._settles(t, state)  # so late that this division is the last
         return self._divide(t, splats, size, decision.keep, decision.reason, measured)
 
     def end(self, t: Training, state: Compacted) -> list[Event]:
