@@ -15,7 +15,7 @@ from ..report.points import Note
 from ..report.run_folder import Run, read_run
 from .names import OURS, SUFFIX, seed_order
 
-ERRORS = {"test_psnr": "PSNR, dB", "test_flip": "FLIP"}
+ERRORS = {"psnr": "PSNR, dB", "flip": "FLIP"}
 START = "start"  # the run folder of the densified start
 DECIBELS, TIMES = 8.0, 3.0  # below the best PSNR, of the best FLIP: what is worse is not drawn
 NAMED = ("3dgs", "paper", "ours")  # beside their ends, and the furthest of ours; the others have a name to point at
@@ -39,19 +39,19 @@ def overview(
     runs = {name: read_run(folder / f"seed_{seed}" / name) for name, row in rows.items() if seed in row["runs"]}
     begun = folder / f"seed_{seed}" / START
     plots = []
-    for column, error in ERRORS.items():
-        more_is_better, words = column == "test_psnr", f"{measured} {error}"
+    for metric, error in ERRORS.items():
+        more_is_better, words = metric == "psnr", f"{measured} {error}"
         ways = {}
         for name, run in runs.items():
             kind = "dashed" if name.endswith(SUFFIX) else "line"
-            ways[name] = _way(rows[name]["label"], run, column, kind, colors[name])
+            ways[name] = _way(rows[name]["label"], run, metric, kind, colors[name])
         best = max if more_is_better else min
         level = best((best(way.y) for way in ways.values() if len(way.y)), default=0.0)
         limit = level - DECIBELS if more_is_better else level * TIMES
         drawn = {name: _good_part(way, limit, more_is_better) for name, way in ways.items()}
         drawn = {name: way for name, way in drawn.items() if len(way.x)}
         if drawn:
-            start = [_way("the densified start", read_run(begun), column, "faint", 0)] if begun.is_dir() else []
+            start = [_way("the densified start", read_run(begun), metric, "faint", 0)] if begun.is_dir() else []
             start = [_good_part(way, limit, more_is_better) for way in start]
             furthest = [name for name in (*OURS, "ours_early") if name in drawn][-1:]
             ends = [_end(way, words, name in (*NAMED, *furthest)) for name, way in drawn.items()]
@@ -59,8 +59,8 @@ def overview(
     return (seed, plots) if plots else None
 
 
-def _way(label: str, run: Run, column: str, kind: str, color: int) -> Series:
-    values, minutes = run.column(column), run.column("seconds") / 60
+def _way(label: str, run: Run, metric: str, kind: str, color: int) -> Series:
+    values, minutes = run.measured_column(metric), run.column("seconds") / 60
     known = np.isfinite(values)
     return Series(label, minutes[known], values[known], kind, color)
 

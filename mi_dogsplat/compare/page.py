@@ -12,7 +12,7 @@ from ..report.page import TEMPLATES
 from ..report.plot import Series, line_plot
 from ..report.points import Note
 from .crops import crops
-from .methods import GROUPS
+from .methods import GROUPS, METHODS
 from .nearest import tables_of_equals
 from .overview import overview
 from .pairs import margin, table_of_pairs
@@ -31,9 +31,12 @@ COLOR_OF = {name: COLORS[group] for group, names in GROUPS.items() for name in n
 
 def comparison_page(out: Path, table: dict[str, Any]) -> str:
     """HTML of what ``collect_all`` found in the folder ``out``."""
+    methods = [(METHODS[name], row["label"]) for name, row in table["methods"].items()]
     return TEMPLATES.get_template("compare/templates/comparison.html").render(
         name=out.resolve().name,
         failed=table["failed"],
+        whole="; ".join(label for method, label in methods if not method.from_the_start),
+        longer="; ".join(label for method, label in methods if method.length != 1),
         methods=table["methods"].values(),
         sections=[_section(out / data, table, data) for data in data_sets(table)],
     )

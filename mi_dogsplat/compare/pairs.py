@@ -47,7 +47,7 @@ def seconds_to(folder: Path, level: float) -> float | None:
     run = read_run(folder)
     n = run.column("n")
     final = n[np.isfinite(n)][-1:]
-    reached = np.flatnonzero((run.column("test_psnr") >= level) & (n <= final)) if len(final) else []
+    reached = np.flatnonzero((run.measured_column("psnr") >= level) & (n <= final)) if len(final) else []
     return float(run.column("seconds")[reached[0]]) if len(reached) else None
 
 

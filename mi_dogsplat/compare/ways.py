@@ -35,7 +35,7 @@ def ways(out: Path, rows: dict[str, Any]) -> tuple[str, list[Markup]] | None:
             continue
         run, minutes, psnr = _way(folder / name)
         if not len(minutes):
-            continue  # it was never measured on the way: --test-every beyond its end
+            continue  # its history is gone
         curves = [Series(row["label"], minutes, psnr), Series(baseline["label"], x, y, color=2)]
         lines = marks(run, run.column("seconds") / 60)
         plots.append(
@@ -47,7 +47,7 @@ def ways(out: Path, rows: dict[str, Any]) -> tuple[str, list[Markup]] | None:
 def _way(folder: Path) -> tuple[Run, np.ndarray, np.ndarray]:
     """The run, and minutes and test PSNR where it was measured, before the activation of the DoG included."""
     run = read_run(folder)
-    minutes, psnr, before = run.column("seconds") / 60, run.column("test_psnr"), run.column("psnr_before")
+    minutes, psnr, before = run.column("seconds") / 60, run.measured_column("psnr"), run.column("psnr_before")
     activated = np.flatnonzero(np.isfinite(before))
     minutes, psnr = np.insert(minutes, activated, minutes[activated]), np.insert(psnr, activated, before[activated])
     known = np.isfinite(psnr)

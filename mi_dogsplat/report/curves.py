@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from ..support.wording import finite, time_unit
+from ..support.wording import time_unit
 from ..training.events import (
     CurvaturesActivated,
     CurvaturesLeftOut,
@@ -64,14 +64,12 @@ class Curves:
 def curves(run: Run) -> Curves:
     """What the history holds, drawn."""
     plots = Curves()
-    l1, n, n_dog, test_psnr, train_l1 = (run.column(k) for k in ("l1", "n", "n_dog", "test_psnr", "train_l1"))
+    l1, n, n_dog, train_l1 = (run.column(k) for k in ("l1", "n", "n_dog", "train_l1"))
     logged = np.nan_to_num(l1) > 0
     abscissas = [(label, x) for label, x in _abscissas(run) if np.isfinite(x[logged]).any()]
     if not abscissas:
         return plots
-    final = finite(((run.metrics or {}).get("test") or {}).get("psnr"))
-    if final is not None and not np.isfinite(test_psnr[-1]):
-        test_psnr[-1] = final
+    test_psnr = run.measured_column("psnr")
     smooth, rows = running_mean(l1)
     psnr = f"{run.measured} PSNR, dB"
     for label, x in abscissas:

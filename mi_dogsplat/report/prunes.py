@@ -55,6 +55,11 @@ def with_drops(
     return np.insert(x, rows, x[rows]), np.insert(n, rows, [p.before for p in found])
 
 
+def compares(run: Run) -> bool:
+    """Whether checks measured the error by which they prune or do not."""
+    return bool(np.isfinite(run.column("train_l1")).any())
+
+
 def refinements(run: Run) -> int:
     """How many checks let the model go on refining."""
     return len(run.rows_with(Refined.kind))

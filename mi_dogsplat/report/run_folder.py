@@ -118,6 +118,14 @@ class Run:
         values = (finite(row.get(key)) for row in self.history)
         return np.array([np.nan if v is None or abs(v) > LARGEST else v for v in values], np.float64)
 
+    def measured_column(self, metric: str) -> NDArray[np.float64]:
+        """Means of a metric, "psnr" or "flip", over the views that are measured, [rows]: at the last row, where
+        ``test_every`` mostly has none, what the finished run has measured."""
+        values, final = self.column(f"test_{metric}"), finite(((self.metrics or {}).get("test") or {}).get(metric))
+        if final is not None and not np.isfinite(values[-1:]).any():
+            values[-1:] = final
+        return values
+
 
 def read_run(path: str | Path) -> Run:
     """Reads config.json, history.jsonl, metrics.json and others of a run folder; each may be missing.

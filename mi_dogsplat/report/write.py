@@ -20,7 +20,7 @@ from .misfits import misfits
 from .mixture import mixture
 from .moved import moved
 from .page import TEMPLATES
-from .prunes import prunes, refinements
+from .prunes import compares, prunes, refinements
 from .run_folder import REPORT, Run, read_run
 from .views import shares, sheet, shown, views
 
@@ -57,6 +57,7 @@ def report_page(run: Run) -> str:
         others=_others(run, metrics),
         curves=curves(run),
         prunes=prunes(run),
+        compares=compares(run),
         refinements=refinements(run),
         misfits=misfits(run),
         mixture=mixture(run),

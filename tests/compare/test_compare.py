@@ -118,6 +118,19 @@ def test_the_page_says_that_all_methods_took_preconditioned_steps(comparison):
     assert said not in words(parsed(comparison_page(out, table)))
 
 
+def test_the_page_names_what_has_another_start_or_other_steps(comparison):
+    out, table, _ = comparison
+    alike = {name: row for name, row in table["methods"].items() if METHODS[name].from_the_start}
+    row = {"source": "", "deviations": "", "data": {}}
+    others = {"mask_gaussian": "MaskGaussian", "ours_early": "ours, early", "released_40k": "released, 40,000 steps"}
+    methods = alike | {name: row | {"label": label} for name, label in others.items()}
+    page = " ".join(words(parsed(comparison_page(out, table | {"methods": methods}))).split())
+    assert "one densified start, except what begins at the first step: MaskGaussian; ours, early. All" in page
+    assert "end after the same number of steps, except released, 40,000 steps. Render" in page
+    page = " ".join(words(parsed(comparison_page(out, table | {"methods": alike}))).split())
+    assert "go on from one densified start. All" in page and "the same number of steps. Render" in page
+
+
 def test_the_best_compact_method_is_bold(comparison):
     out, table, _ = comparison
     numbers = next(parsed((out / "comparison.html").read_text(encoding="utf-8")).iter("table"))

@@ -15,6 +15,7 @@ from mi_dogsplat.compare.nearest import nearest, tables_of_equals
 from mi_dogsplat.compare.overview import overview
 from mi_dogsplat.compare.pairs import interval, margin, paired, seconds_to, table_of_pairs
 from mi_dogsplat.compare.table import label
+from mi_dogsplat.compare.ways import ways
 from small_comparison import without_processes
 from tiny_data import write_tiny_data
 
@@ -62,6 +63,26 @@ def test_the_time_to_a_quality_is_that_of_the_first_measurement_and_never_is_sai
     assert table and (table["reference"], table["of"], table["level"]) == ("ours", "paper", "29.00 dB")
     assert [line[-1] for line in table["rows"]] == ["50", "20", "never"]
     assert [line[2] for line in table["rows"]] == ["one seed: no interval", "the reference", "one seed: no interval"]
+
+
+def test_what_a_finished_run_measures_is_the_end_of_its_way(tmp_path):
+    """--test-every need not divide the number of steps."""
+    psnrs = {"3dgs": 28.0, "paper": 29.0, "ours": 30.0}
+    rows = {name: row(name, [psnr]) for name, psnr in psnrs.items()}
+    for name, psnr in psnrs.items():
+        write_history(run := tmp_path / "seed_0" / name, [(60.0, 27.0), (120.0, None)])
+        (run / "metrics.json").write_text(json.dumps({"test": {"psnr": psnr, "flip": 0.1}}))
+    table = table_of_pairs(tmp_path, rows)
+    assert table and [line[-1] for line in table["rows"]] == ["never", "120", "120"]
+    found = overview(tmp_path, rows, {name: k for k, name in enumerate(psnrs)}, "test")
+    assert found and len(found[1]) == 2
+    for plot, end in zip(found[1], ("PSNR, dB 30", "FLIP 0.1"), strict=True):
+        assert f"ours: test {end} after 2 min" in plot
+    beside = ways(tmp_path, rows)
+    assert beside and len(beside[1]) == 2
+    for plot in beside[1]:
+        curves = re.findall(r'<path class="c[12] line" d="([^"]+)"', plot)
+        assert [len(re.findall("[ML]", curve)) for curve in curves] == [2, 2]  # points
 
 
 def test_a_method_without_a_seed_of_the_reference_is_not_called_the_reference(tmp_path):

@@ -78,6 +78,15 @@ def test_the_table_lists_all_prunes_and_counts_the_checks_that_refined(run):
     assert "Checks that did not prune: 2." in words(training)
 
 
+def test_checks_measure_an_error_where_they_decide_by_it(run):
+    measured = "A check measures the mean L1 of the whole training set"
+    assert measured in " ".join(write_report(run).read_text().split())
+    history = [{key: value for key, value in row.items() if key != "train_l1"} for row in history_of(run)]
+    (run / "history.jsonl").write_text("\n".join(map(json.dumps, history)))
+    page = " ".join(write_report(run).read_text().split())
+    assert measured not in page and "Every check prunes" in page
+
+
 def test_the_whole_set_error_of_the_checks_is_drawn(run):
     plots = re.findall(r"<svg.*?</svg>", write_report(run).read_text(), re.DOTALL)
     assert all(plot.count('<circle class="c2 points"') == 5 for plot in plots[:2])

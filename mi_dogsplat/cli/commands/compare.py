@@ -29,11 +29,11 @@ Examples:
   dogsplat compare fox/ fern/ -o compared --workers 2  two runs at a time, on this machine
   dogsplat compare fox/ fern/ -o compared --cluster tcp://10.0.0.7:8786
                                                        on the workers of a Dask cluster (docs/compare.md)
-All methods of a seed have one renderer, one densified start, one number of steps and of primitives; 3dgs is
-the baseline at 100 %. DIR/comparison.html has the tables, plots and pictures, comparison.csv and .tex the
-numbers; they are rewritten as runs finish, and each run is a run folder under DIR/DATA/seed_N/. What is
-complete is not repeated. A run that fails is named, and stops no other. --workers and --cluster need the
-extra mi_dogsplat[cluster].
+All methods of a seed have one renderer, one densified start but for some that begin at the first step, one
+number of steps but for released_40k, and one of primitives; 3dgs is the baseline at 100 %.
+DIR/comparison.html has the tables, plots and pictures, comparison.csv and .tex the numbers; they are rewritten
+as runs finish, and each run is a run folder under DIR/DATA/seed_N/. What is complete is not repeated. A run
+that fails is named, and stops no other. --workers and --cluster need the extra mi_dogsplat[cluster].
 """
 
 TRAINING_FLAGS = [

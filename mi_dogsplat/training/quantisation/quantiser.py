@@ -73,15 +73,9 @@ class Quantiser:
         """Renew the coding where that is due before a step, 0..``of`` - 1, of those that see the file."""
         if coding.palette is None:
             self._begin(coding, optimizer, cameras, options)
-        kept_bands = np.array_equal(coding.degrees[coding.labels], optimizer.sh_degrees)
         moving = (1 - SETTLED) * of
-        if not kept_bands or (step <= moving and step % max(1, round(moving / ROUNDS)) == 0):
-            splats = optimizer.to_splats()
-            coding.extents = Extents.of(splats, optimizer.curve is not None).numbers
-            before = coding.palette if kept_bands else None
-            rounds = 1 if before else LLOYD_ROUNDS
-            new = self._grids(coding).palette(splats, self._steps.entries, coding.weights, before, rounds)
-            coding.entries, coding.degrees, coding.labels = new.entries, new.degrees, new.labels
+        if not _keeps_bands(coding, optimizer) or (step <= moving and step % max(1, round(moving / ROUNDS)) == 0):
+            self._renew(coding, optimizer)
 
     def params(self, coding: Coding, params: dict, bands: Sequence[str]) -> dict:
         """What is rendered instead of the parameters of an optimizer with these ``bands``."""
@@ -99,6 +93,8 @@ class Quantiser:
         """
         if coding.palette is None:
             return
+        if not _keeps_bands(coding, optimizer):  # bytes were divided after the last step
+            self._renew(coding, optimizer)
         opacities = self._grids(coding).logit_opacities.snap(optimizer.numpy("logit_opacities"))
         drop_faded(optimizer, sigmoid(opacities.astype(np.float64)))
         splats = optimizer.to_splats()
@@ -123,9 +119,23 @@ class Quantiser:
         found = weights(optimizer.params, cameras, options).total
         coding.weights = np.maximum(found, LEAST_WEIGHT)
 
+    def _renew(self, coding: Coding, optimizer: SplatOptimizer) -> None:
+        """Grids, and a round of the palette; a new one where primitives have other bands."""
+        splats = optimizer.to_splats()
+        coding.extents = Extents.of(splats, optimizer.curve is not None).numbers
+        before = coding.palette if _keeps_bands(coding, optimizer) else None
+        rounds = 1 if before else LLOYD_ROUNDS
+        new = self._grids(coding).palette(splats, self._steps.entries, coding.weights, before, rounds)
+        coding.entries, coding.degrees, coding.labels = new.entries, new.degrees, new.labels
+
     @property
     def _steps(self) -> Steps:
         return self.steps or STEPS[self.format]
 
     def _grids(self, coding: Coding) -> FileGrids:
         return CODED[self.format](Extents.from_numbers(coding.extents), self._steps)
+
+
+def _keeps_bands(coding: Coding, optimizer: SplatOptimizer) -> bool:
+    """Whether primitives have the bands that the palette was made for."""
+    return np.array_equal(coding.degrees[coding.labels], optimizer.sh_degrees)

@@ -59,7 +59,7 @@ class Compaction(Strategy[Compacted]):
         return PruningScheduler(self.rule, state).checks(t.step_count) or self._settles(t, state)
 
     def begin(self, t: Training, state: Compacted) -> list[Event]:
-        return self.after_step(t, state)
+        return [] if state.finished else self.after_step(t, state)  # what is left then waits for a step
 
     def after_step(self, t: Training, state: Compacted) -> list[Event]:
         """Where a check is due, measure, decide, and divide the bytes anew if that is the decision."""

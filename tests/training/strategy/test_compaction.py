@@ -72,6 +72,28 @@ def test_a_run_that_is_resumed_makes_the_same_choices(data, tmp_path):
         np.testing.assert_array_equal(again.optimizer.to_splats().sh_degrees, whole.optimizer.to_splats().sh_degrees)
 
 
+def test_bytes_may_be_divided_after_the_last_step_of_so_short_a_run(data, tmp_path):
+    """Bands go then, and the palette is one for other bands."""
+    metrics = mi_dogsplat.runs.run.train(config_of(data, target="5kB", format="sog", steps=1), tmp_path)
+    path = tmp_path / "point_cloud.sog"
+    assert path.stat().st_size == metrics["bytes"] <= 5000
+    rows = history_of(tmp_path)
+    assert records(rows, "allocated")[-1]["degrees"][2] < metrics["n"] and records(rows, "quantised")
+    read, kept = read_model(path).splats, read_ply(tmp_path / "point_cloud.ply")
+    np.testing.assert_array_equal(np.sort(read.logit_opacities), np.sort(kept.logit_opacities))
+    assert read.sh_degree == kept.sh_degree
+
+
+@pytest.mark.parametrize("target", ["5kB", "1MB"])
+def test_a_window_that_closes_late_divides_no_bytes_where_the_run_is_resumed(data, target):
+    config, dataset = config_of(data, steps=1, target=target), load_dataset(data)
+    whole, resumed = Trainer(config, dataset), Trainer(config, dataset)
+    whole.begin()
+    whole.step()
+    resumed.restore(whole.state())
+    assert resumed.begin() == [] and resumed.states["compaction"] == whole.states["compaction"]
+
+
 def test_a_model_is_pruned_to_a_size(data, tmp_path):
     write_ply(tmp_path / "model.ply", tiny_data.dog_model())
     config = config_of(data, model=str(tmp_path / "model.ply"), target="3kB", max_primitives=None, steps=30)
