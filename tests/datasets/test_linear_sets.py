@@ -182,7 +182,7 @@ def test_the_report_says_which_radiance_is_white(lamp):
     assert "The images are linear radiance" in page and "HDR-FLIP" in page
 
 
-def test_eval_measures_in_the_exposure_of_the_images(lamp, capsys):
+def test_eval_measures_in_the_exposure_of_the_images_unless_it_is_told_another(lamp, capsys):
     model, data = str(lamp / "run" / "point_cloud.ply"), str(lamp / "data")
     assert main(["eval", model, data]) == 0
     assert "PSNR-μ" in capsys.readouterr().out
@@ -191,7 +191,8 @@ def test_eval_measures_in_the_exposure_of_the_images(lamp, capsys):
     assert found["psnr"] == pytest.approx(own["psnr"], abs=0.01)
     assert found["psnr_mu"] == pytest.approx(own["psnr_mu"], abs=0.01)
     (other,) = evaluate_model(model, data, options=PictureOptions(white=100.0)).values()
-    assert other["psnr"] == pytest.approx(found["psnr"], abs=1e-4)  # the images decide on the exposure
+    assert other["psnr_mu"] == found["psnr_mu"]  # of radiance, whatever a screen shows
+    assert other["psnr"] > found["psnr"] + 5  # so dark that errors do not show
 
 
 def test_another_white_shows_the_same_radiance_otherwise(data):

@@ -31,9 +31,10 @@ Examples:
                                                        on the workers of a Dask cluster (docs/compare.md)
 All methods of a seed have one renderer, one densified start but for some that begin at the first step, one
 number of steps but for released_40k, and one of primitives; 3dgs is the baseline at 100 %.
-DIR/comparison.html has the tables, plots and pictures, comparison.csv and .tex the numbers; they are rewritten
-as runs finish, and each run is a run folder under DIR/DATA/seed_N/. What is complete is not repeated. A run
-that fails is named, and stops no other. --workers and --cluster need the extra mi_dogsplat[cluster].
+DIR/comparison.html has the tables, plots and pictures, comparison.csv and .tex the numbers; they are
+rewritten as runs finish, and each run is a run folder under DIR/DATA/seed_N/. What is complete is not
+repeated. A run that fails is named, and stops no other. --workers and --cluster need the extra
+mi_dogsplat[cluster].
 """
 
 TRAINING_FLAGS = [

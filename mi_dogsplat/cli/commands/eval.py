@@ -21,8 +21,8 @@ Examples:
   dogsplat eval run/point_cloud.ply photos/ --align-poses
                                                        and PSNR from where each test view fits best
 
-Use the --downscale that the model was trained with, else the numbers say little about it. Where it was trained on
-OpenEXR images with a --white, use that, too: it exposes images and model.
+Use the --downscale that the model was trained with, else the numbers say little about it. Where it was
+trained on OpenEXR images with a --white, use that, too: it exposes images and model.
 """
 
 
