@@ -35,7 +35,7 @@ def comparison_page(out: Path, table: dict[str, Any]) -> str:
     return TEMPLATES.get_template("compare/templates/comparison.html").render(
         name=out.resolve().name,
         failed=table["failed"],
-        whole="; ".join(label for method, label in methods if not method.from_the_start),
+        from_the_first_step="; ".join(label for method, label in methods if not method.from_the_start),
         longer="; ".join(label for method, label in methods if method.length != 1),
         methods=table["methods"].values(),
         sections=[_section(out / data, table, data) for data in data_sets(table)],
