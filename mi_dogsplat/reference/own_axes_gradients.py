@@ -14,6 +14,8 @@ is n = v_0 x v_1 from the rows of V. So it is taken from its own formula, the ad
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..scene.cuts import STEEPEST
@@ -27,7 +29,8 @@ def own_axes_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, coni
 
     From δg [n, K, 2], the adjoint of P^T values, and the values per standard deviation, [n, 3, K], or [n, 3] for K = 1.
     """
-    shape, values = values.shape, values.reshape(*values.shape[:2], -1)
+    shape = values.shape
+    values = values.reshape(*shape[:2], math.prod(shape[2:]))  # not -1, which nothing would not have
     S, δg = scales[:, None, :], δg.swapaxes(1, 2)  # [n, 1, 3], [n, 2, 3]
     V, B = C * S, conics_times_axes(C, scales**2, cov2d, conics)  # B = Sigma'^-1 C
     P, δP = B * S, δg @ values.swapaxes(1, 2)

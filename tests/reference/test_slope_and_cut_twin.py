@@ -125,6 +125,8 @@ def test_primitives_that_are_not_seen_have_no_gradient(kind: Kind):
     seen = reference.project(splats, SMALL, near_clip=2.5).visible[kind.index(splats)]
     assert 0 < seen.sum() < len(seen)
     assert got[seen].any(1).all() and not got[~seen].any()
+    none = gradients_tiled(splats, SMALL, ADJOINT, near_clip=100.0)
+    assert none[kind.name].shape == getattr(splats, kind.name).shape and not any(g.any() for g in none.values())
 
 
 @pytest.mark.parametrize("groups", [
