@@ -25,6 +25,11 @@ class Surface:
     radiance: Plugin | None = None
     opacity: float | Plugin | None = None
 
+    @property
+    def is_nothing(self) -> bool:
+        """Whether it neither covers nor shines, so that nobody sees it and no light ends at it."""
+        return self.opacity == 0 and self.radiance is None
+
     def whole(self) -> Plugin:
         """The BSDF with its opacity."""
         return self.bsdf if self.opacity is None else {"type": "mask", "opacity": self.opacity, "bsdf": self.bsdf}
@@ -39,12 +44,15 @@ def surface(export: Export, material: bpy.types.Material | None, uv_maps: frozen
     if tree is None:
         return _viewport(reader, material)
     output = output_of(tree)
-    found = _shader(reader, material, output.inputs["Surface"]) if output else Surface(BLACK, None, 0.0)
-    if output and output.inputs["Displacement"].is_linked:
+    if output is None:
+        return Surface(BLACK, None, 0.0)
+    if reader.source(output.inputs["Displacement"]) is not None:
         reader.note("its displacement is left out")
-    if output and output.inputs["Volume"].is_linked:
+    if reader.source(output.inputs["Volume"]) is not None:
         reader.note("its volume is left out")
-    return found
+        if reader.source(output.inputs["Surface"]) is None:  # fog without a skin, which nobody sees from outside
+            return Surface(BLACK, None, 0.0)
+    return _shader(reader, material, output.inputs["Surface"])
 
 
 def _shader(reader: Reader, material: bpy.types.Material, socket: bpy.types.NodeSocket) -> Surface:

@@ -192,7 +192,8 @@ def _bodies(
     groups: dict[Kind, str] = {}
     shapes: dict[str, Any] = {}
     for k, (body, kind) in enumerate(zip(found.bodies, kinds, strict=True)):
-        own = list(zip(found.geometry[body.key], kind[1], strict=True))
+        own = [(part, material) for part, material in zip(found.geometry[body.key], kind[1], strict=True)
+               if not looks[material].is_nothing]  # fmt: skip
         name = f"object_{numbers[body.of, body.mask]}_{k}"
         if not own:  # Mitsuba repeats no group of nothing
             continue
