@@ -31,9 +31,9 @@ def bitmap(export: Export, image: bpy.types.Image, channel: str = "Color", facto
     def write() -> str:
         pixels = pixels_of(image)
         if alpha:
-            return _write_floats(export, pixels[..., 3:])
+            return write_floats(export, pixels[..., 3:])
         if floats:
-            return _write_floats(export, _linear(image, pixels) * factor)
+            return write_floats(export, _linear(image, pixels) * factor)
         return _write_bytes(export, pixels[..., :3])
 
     name = WRITTEN.file_of(export, image, (channel, factor, working_space()), write)
@@ -46,14 +46,14 @@ def environment(export: Export, image: bpy.types.Image) -> str | None:
         return None
 
     def write() -> str:
-        return _write_floats(export, _linear(image, pixels_of(image))[::-1])
+        return write_floats(export, _linear(image, pixels_of(image))[::-1])
 
     return WRITTEN.file_of(export, image, ("Environment", working_space()), write)
 
 
 def write_gray(export: Export, values: np.ndarray) -> Plugin:
     """A texture of one channel, [H, W]."""
-    return {"type": "bitmap", "filename": _write_floats(export, values[..., None]), "raw": True}
+    return {"type": "bitmap", "filename": write_floats(export, values[..., None]), "raw": True}
 
 
 def _linear(image: bpy.types.Image, pixels: np.ndarray) -> np.ndarray:
@@ -95,7 +95,7 @@ def pixels_of(image: bpy.types.Image) -> np.ndarray:
     return pixels.reshape(height, width, 4)
 
 
-def _write_floats(export: Export, values: np.ndarray) -> str:
+def write_floats(export: Export, values: np.ndarray) -> str:
     """PFM, whose own first row is the bottom one; ``values`` [H, W, 1 or 3] are in the order of Mitsuba."""
     height, width, channels = values.shape
     header = f"{'PF' if channels == 3 else 'Pf'}\n{width} {height}\n-1.0\n".encode()

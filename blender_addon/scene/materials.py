@@ -14,6 +14,7 @@ import bpy
 from .bsdf import BLACK, SMOOTH, glass, two_sided
 from .export import Export, Plugin, blender_rgb, rgb
 from .principled import bent, note_normal, principled
+from .products import product
 from .sockets import Reader, active_tree, output_of
 
 
@@ -78,7 +79,7 @@ def _viewport(reader: Reader, material: bpy.types.Material) -> Surface:
 
 def _principled(reader: Reader, node: bpy.types.Node) -> Surface:
     bsdf, radiance, opacity = principled(reader, node)
-    return Surface(bsdf, radiance, opacity)
+    return Surface(bsdf, _weakened(reader, radiance, 1.0 if opacity is None else opacity), opacity)
 
 
 def _diffuse(reader: Reader, node: bpy.types.Node) -> Surface:
@@ -124,18 +125,18 @@ def _mixed(reader: Reader, node: bpy.types.Node, first: Surface, second: Surface
     """``Fac`` is the share of the second; what is transparent becomes the opacity of the other."""
     share = reader.number(node.inputs[0])
     if first.opacity == 0 and second.opacity is None:
-        return replace(second, opacity=share)
+        return replace(second, radiance=_weakened(reader, second.radiance, share), opacity=share)
     if isinstance(share, dict):
         if first.radiance or second.radiance:
             reader.note("light of a mixture by a texture is left out")
         return Surface({"type": "blendbsdf", "weight": share, "a": first.whole(), "b": second.whole()})
     if second.opacity == 0 and first.opacity is None:
-        return replace(first, opacity=1 - share)
+        return replace(first, radiance=_weakened(reader, first.radiance, 1 - share), opacity=1 - share)
     if share in (0.0, 1.0):
         return second if share else first
-    lights = [scaled(light, part) for light, part in ((first.radiance, 1 - share), (second.radiance, share)) if light]
+    lights = [_weakened(reader, first.radiance, 1 - share), _weakened(reader, second.radiance, share)]
     blend = {"type": "blendbsdf", "weight": share, "a": first.whole(), "b": second.whole()}
-    return Surface(blend, _sum(reader, lights))
+    return Surface(blend, _sum(reader, [light for light in lights if light]))
 
 
 def _added(reader: Reader, first: Surface, second: Surface) -> Surface:
@@ -146,9 +147,14 @@ def _added(reader: Reader, first: Surface, second: Surface) -> Surface:
     return replace(kept, radiance=_sum(reader, [s.radiance for s in (first, second) if s.radiance]))
 
 
-def scaled(light: Plugin, factor: float) -> Plugin:
-    """A colour times a number; a texture is not scaled."""
-    return rgb([c * factor for c in light["value"]]) if light["type"] == "rgb" else light
+def _weakened(reader: Reader, light: Plugin | None, share: float | Plugin) -> Plugin | None:
+    """What shines of a surface of which this share is there: Mitsuba's masks and blends leave light as it is."""
+    if light is None or share == 1:
+        return light
+    found = product(reader.export, light, share)
+    if found is None:
+        reader.note("light of a mixture by a texture is left out")
+    return found
 
 
 def _sum(reader: Reader, lights: list[Any]) -> Plugin | None:

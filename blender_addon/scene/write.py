@@ -19,7 +19,7 @@ from ..files.errors import type_name
 from ..nodes.material import draws_splats
 from ..objects.attributes import has_splats
 from .export import Export, Plugin, matrix
-from .lights import light
+from .lights import NOTHING, light
 from .materials import Surface, surface
 from .meshes import Part, parts
 from .world import is_plain, world_light
@@ -210,6 +210,8 @@ def _bodies(
             shapes[f"{name}_{i}"] = _mesh(export, placed, material, looks)
             if looks[material].radiance and len((back := placed.back()).positions):
                 shapes[f"{name}_{i}_back"] = _mesh(export, back, material, looks)
+                if looks[material].opacity is not None:  # what is seen through both is weakened once
+                    shapes[f"{name}_{i}_back"]["bsdf"] = NOTHING
     return shapes
 
 

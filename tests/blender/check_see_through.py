@@ -1,11 +1,15 @@
 """Surfaces through which something else is seen: as much of it, and of what they emit, as in Cycles."""
 
+import numpy as np
 import pytest
 from blender_pictures import picture
-from surroundings import GREY, background, body, camera, light, link, material, plane
+from surroundings import GREY, background, body, camera, image, light, link, material, plane
 
 from blender_addon.engine.settings import ENGINE
+from blender_addon.scene.images import pixels_of
 
+PRINCIPLED = {"Alpha": 0.25, "Emission_Color": (0.8, 0.2, 0.3, 1), "Emission_Strength": 1.0,
+              "Base_Color": (0, 0, 0, 1), "Specular_IOR_Level": 0.0}  # fmt: skip
 pytestmark = pytest.mark.usefixtures("by_command")
 
 
@@ -16,13 +20,14 @@ def bare(tree):
 
 
 def both(scene, folder, of):
-    """(by Cycles, by Mitsuba): a square of a material before a grey one, [3] each where both are seen."""
+    """(by Cycles, by Mitsuba): a square of a material before a grey one, [3, 3, 3] each where both are seen."""
     camera(scene, (0, 0, 8))
     scene.cycles.samples = scene.dogsplat.samples = 64
     background(scene, (0.3, 0.5, 0.2, 1))
     body(plane(2), of)
     body(plane(20, location=(0, 0, -2)), material("ShaderNodeBsdfDiffuse", Color=GREY))
-    return [picture(scene, engine, folder)[12:-12, 20:-20].mean((0, 1)) for engine in ("CYCLES", ENGINE)]
+    seen = (picture(scene, engine, folder)[10:-10, 18:-18] for engine in ("CYCLES", ENGINE))
+    return [values.reshape(3, 4, 3, 4, 3).mean((1, 3)) for values in seen]
 
 
 def test_a_body_of_fog_alone_has_no_surface(scene, tmp_path):
@@ -33,4 +38,63 @@ def test_a_body_of_fog_alone_has_no_surface(scene, tmp_path):
     light(scene, "POINT", (0, 0, 1), energy=50, shadow_soft_size=0)
     cycles, ours = both(scene, tmp_path, fog)
     assert cycles.min() > 0.1
-    assert ours == pytest.approx(cycles, rel=0.03)
+    assert ours == pytest.approx(cycles, abs=0.01)
+
+
+def mixed(share, first, second, **values):
+    """(material, node that mixes, both shaders); the values are those of the one that shines."""
+    made = material(SHINING)
+    tree = made.node_tree
+    inputs = bare(tree)
+    mixing = link(tree, "ShaderNodeMixShader", "Shader", inputs["Surface"])
+    mixing.inputs[0].default_value = share
+    nodes = [tree.nodes.new(kind) for kind in (first, second)]
+    for node, socket in zip(nodes, mixing.inputs[1:], strict=True):
+        tree.links.new(node.outputs[0], socket)
+        for name, value in values.items() if node.type == "EMISSION" else ():
+            node.inputs[name].default_value = value
+    return made, mixing, nodes
+
+
+GLOW = {"Color": (0.8, 0.1, 0.3, 1), "Strength": 1.5}
+CLEAR, SHINING, WHITE = "ShaderNodeBsdfTransparent", "ShaderNodeEmission", "ShaderNodeBsdfDiffuse"
+
+
+@pytest.mark.parametrize("order", [(CLEAR, SHINING), (SHINING, CLEAR)])
+def test_what_shines_and_is_there_in_part_shines_in_part(scene, tmp_path, order):
+    """What is behind it is seen through it once, though it shines to both sides."""
+    cycles, ours = both(scene, tmp_path, mixed(0.25, *order, **GLOW)[0])
+    assert np.abs(ours - cycles).max() < 0.01
+
+
+def test_the_light_of_principled_has_its_alpha(scene, tmp_path):
+    cycles, ours = both(scene, tmp_path, material("ShaderNodeBsdfPrincipled", **PRINCIPLED))
+    assert np.abs(ours - cycles).max() < 0.01
+
+
+def pictured(made, shining):
+    """An image of bytes that is there more and more to the right, in the socket of a colour."""
+    texture = link(made.node_tree, "ShaderNodeTexImage", "Color", shining.inputs["Color"])
+    texture.image = image("picture", lambda x, y: (x, y, 0.5 + 0 * x))
+    pixels = pixels_of(texture.image)
+    pixels[..., 3] = (np.arange(32) + 0.5) / 32
+    texture.image.pixels.foreach_set(pixels.ravel())
+    return texture
+
+
+def test_a_shining_picture_is_cut_out_by_its_alpha(scene, tmp_path):
+    """As Blender's own import of images as planes makes it."""
+    made, mixing, (_, shining) = mixed(0.5, CLEAR, SHINING)
+    texture = pictured(made, shining)
+    made.node_tree.links.new(texture.outputs["Alpha"], mixing.inputs[0])
+    cycles, ours = both(scene, tmp_path, made)
+    assert np.ptp(cycles[..., 0]) > 0.2
+    assert np.abs(ours - cycles).max() < 0.02
+
+
+def test_a_shining_picture_that_is_mixed_with_another_shader_shines_in_part(scene, tmp_path):
+    made, _, (_, shining) = mixed(0.25, WHITE, SHINING)
+    texture = pictured(made, shining)
+    texture.image.alpha_mode = "NONE"
+    cycles, ours = both(scene, tmp_path, made)
+    assert np.abs(ours - cycles).max() < 0.02
