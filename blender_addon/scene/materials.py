@@ -140,11 +140,26 @@ def _mixed(reader: Reader, node: bpy.types.Node, first: Surface, second: Surface
 
 
 def _added(reader: Reader, first: Surface, second: Surface) -> Surface:
-    """Mitsuba adds no BSDFs: of two that are not black the first is kept."""
-    if first.bsdf is not BLACK and second.bsdf is not BLACK:
+    """Mitsuba adds no BSDFs: of two that are not black the first is kept, and what it covers is not seen."""
+    radiance = _sum(reader, [light for light in (first.radiance, second.radiance) if light])
+    if first.bsdf is BLACK and second.bsdf is BLACK:  # light, and what is seen through it
+        return Surface(BLACK, radiance, _in_common(reader, first.opacity, second.opacity))
+    kept, other = (second, first) if first.bsdf is BLACK else (first, second)
+    if other.bsdf is not BLACK:
         reader.note("of two shaders that are added the first is kept")
-    kept = first if first.bsdf is not BLACK else second
-    return replace(kept, radiance=_sum(reader, [s.radiance for s in (first, second) if s.radiance]))
+    elif other.opacity is not None:
+        reader.note("a transparent shader that is added to another is left out")
+    return replace(kept, radiance=radiance)
+
+
+def _in_common(reader: Reader, first: float | Plugin | None, second: float | Plugin | None) -> float | Plugin | None:
+    """The opacity of two that are black: what is seen through one is added to what is seen through the other."""
+    if first is None or second is None:
+        return second if first is None else first
+    if isinstance(first, float) and isinstance(second, float):
+        return max(first + second - 1, 0.0)
+    reader.note("of two shaders that are added the first is kept")
+    return first
 
 
 def _weakened(reader: Reader, light: Plugin | None, share: float | Plugin) -> Plugin | None:

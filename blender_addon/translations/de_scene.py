@@ -54,6 +54,9 @@ NOTES = {
     ),
     "light of a mixture by a texture is left out": "das Licht einer Mischung nach einer Textur wird weggelassen",
     "of two shaders that are added the first is kept": "von zwei addierten Shadern bleibt der erste",
+    "a transparent shader that is added to another is left out": (
+        "ein transparenter Shader, der zu einem anderen addiert wird, wird weggelassen"
+    ),
     "of two lights the first is kept": "von zwei Lichtern bleibt das erste",
     "the texture colors what is seen through it at each of its two surfaces": (
         "die Textur färbt, was durch sie zu sehen ist, an jeder der beiden Oberflächen"

@@ -98,3 +98,18 @@ def test_a_shining_picture_that_is_mixed_with_another_shader_shines_in_part(scen
     texture.image.alpha_mode = "NONE"
     cycles, ours = both(scene, tmp_path, made)
     assert np.abs(ours - cycles).max() < 0.02
+
+
+@pytest.mark.parametrize("order", [(CLEAR, SHINING), (SHINING, CLEAR)])
+def test_light_that_is_added_to_nothing_hides_nothing(scene, tmp_path, order):
+    """Whichever socket it is in."""
+    made = material(SHINING)
+    inputs = bare(made.node_tree)
+    adding = link(made.node_tree, "ShaderNodeAddShader", "Shader", inputs["Surface"])
+    for kind, socket in zip(order, adding.inputs, strict=True):
+        node = link(made.node_tree, kind, "BSDF" if kind == CLEAR else "Emission", socket)
+        if kind == SHINING:
+            node.inputs["Color"].default_value = (0.2, 0.1, 0.3, 1)
+    cycles, ours = both(scene, tmp_path, made)
+    assert cycles[..., 1].min() > 0.2
+    assert np.abs(ours - cycles).max() < 0.01
