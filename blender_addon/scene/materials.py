@@ -10,12 +10,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
+import numpy as np
 
 from .bsdf import BLACK, SMOOTH, glass, two_sided
 from .export import Export, Plugin, blender_rgb, rgb
 from .principled import bent, note_normal, principled
 from .products import product
 from .sockets import Reader, active_tree, output_of
+
+GREY = 1e-4  # by how much the channels of a grey differ
 
 
 @dataclass
@@ -112,8 +115,11 @@ def _translucent(reader: Reader, node: bpy.types.Node) -> Surface:
 
 
 def _transparent(reader: Reader, node: bpy.types.Node) -> Surface:
-    color = node.inputs["Color"].default_value[:3]
-    return Surface(BLACK, None, 1 - min(max(sum(color) / 3, 0.0), 1.0))
+    """A grey is an opacity; glass that neither bends nor mirrors has any colour."""
+    color = reader.color(node.inputs["Color"])
+    if color["type"] == "rgb" and np.ptp(color["value"]) < GREY:
+        return Surface(BLACK, None, 1 - min(color["value"][0], 1.0))
+    return Surface({"type": "thindielectric", "int_ior": 1.0, "ext_ior": 1.0, "specular_transmittance": color})
 
 
 def _emission(reader: Reader, node: bpy.types.Node) -> Surface:

@@ -113,3 +113,18 @@ def test_light_that_is_added_to_nothing_hides_nothing(scene, tmp_path, order):
     cycles, ours = both(scene, tmp_path, made)
     assert cycles[..., 1].min() > 0.2
     assert np.abs(ours - cycles).max() < 0.01
+
+
+@pytest.mark.parametrize("kind", ["linked", "colored", "picture", "mixed"])
+def test_a_transparent_shader_has_its_color(scene, tmp_path, kind):
+    """Whoever gives it, and mixed with another shader."""
+    made, mixing, (clear, _) = mixed(0.3 if kind == "mixed" else 0.0, CLEAR, WHITE)
+    clear.inputs["Color"].default_value = (0.9, 0.3, 0.1, 1)
+    if kind == "linked":
+        given = link(made.node_tree, "ShaderNodeRGB", "Color", clear.inputs["Color"])
+        given.outputs[0].default_value = (0.8, 0.8, 0.8, 1)
+    elif kind == "picture":
+        pictured(made, clear).image.alpha_mode = "NONE"
+    cycles, ours = both(scene, tmp_path, made)
+    assert cycles.max() > 0.04
+    assert np.abs(ours - cycles).max() < 0.02
