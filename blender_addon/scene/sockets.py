@@ -70,7 +70,7 @@ class Reader:
         if node.type != "TEX_IMAGE" or node.image is None:
             self.note('the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value', node=node.name)
             return None
-        texture = bitmap(self.export, node.image, source.name, factor)
+        texture = bitmap(self.export, node.image, source.name, factor, node.outputs["Alpha"].is_linked)
         if texture is None:
             return None
         if node.extension not in WRAPPING:

@@ -1,12 +1,12 @@
 """Surfaces through which something else is seen: as much of it, and of what they emit, as in Cycles."""
 
+import bpy
 import numpy as np
 import pytest
 from blender_pictures import picture
 from surroundings import GREY, background, body, camera, image, light, link, material, plane
 
 from blender_addon.engine.settings import ENGINE
-from blender_addon.scene.images import pixels_of
 
 PRINCIPLED = {"Alpha": 0.25, "Emission_Color": (0.8, 0.2, 0.3, 1), "Emission_Strength": 1.0,
               "Base_Color": (0, 0, 0, 1), "Specular_IOR_Level": 0.0}  # fmt: skip
@@ -72,13 +72,13 @@ def test_the_light_of_principled_has_its_alpha(scene, tmp_path):
     assert np.abs(ours - cycles).max() < 0.01
 
 
-def pictured(made, shining):
-    """An image of bytes that is there more and more to the right, in the socket of a colour."""
+def pictured(made, shining, is_float=False):
+    """An image that is there more and more to the right, in the socket of a colour."""
     texture = link(made.node_tree, "ShaderNodeTexImage", "Color", shining.inputs["Color"])
-    texture.image = image("picture", lambda x, y: (x, y, 0.5 + 0 * x))
-    pixels = pixels_of(texture.image)
-    pixels[..., 3] = (np.arange(32) + 0.5) / 32
-    texture.image.pixels.foreach_set(pixels.ravel())
+    if is_float:  # which Blender has multiplied by alpha
+        texture.image = image("picture", lambda x, y: (x * x, x * y, 0.5 * x, x), True)
+    else:
+        texture.image = image("picture", lambda x, y: (x, y, 0.5 + 0 * x, x))
     return texture
 
 
@@ -127,4 +127,24 @@ def test_a_transparent_shader_has_its_color(scene, tmp_path, kind):
         pictured(made, clear).image.alpha_mode = "NONE"
     cycles, ours = both(scene, tmp_path, made)
     assert cycles.max() > 0.04
+    assert np.abs(ours - cycles).max() < 0.02
+
+
+@pytest.mark.parametrize("kind, mode", [
+    ("PNG", "STRAIGHT"), ("PNG", "CHANNEL_PACKED"), ("PNG", "NONE"), ("OPEN_EXR", "PREMUL"), ("OPEN_EXR", "NONE"),
+])  # fmt: skip
+@pytest.mark.parametrize("alpha_used", [False, True])
+def test_colors_of_pictures_have_the_alpha_that_they_have_in_cycles(scene, tmp_path, kind, mode, alpha_used):
+    """Where nothing else of the material takes it, what is transparent in a picture is black, whatever it hides."""
+    made, mixing, (_, shining) = mixed(0.99, WHITE, SHINING)
+    texture = pictured(made, shining, kind == "OPEN_EXR")
+    texture.image.filepath_raw, texture.image.file_format = str(tmp_path / "picture"), kind
+    texture.image.save()
+    texture.image = bpy.data.images.load(texture.image.filepath_raw)
+    texture.image.alpha_mode = mode
+    texture.image.colorspace_settings.name = "sRGB" if kind == "PNG" else "Linear Rec.709"
+    if alpha_used:
+        diffuse = mixing.inputs[1].links[0].from_node
+        made.node_tree.links.new(texture.outputs["Alpha"], diffuse.inputs["Color"])
+    cycles, ours = both(scene, tmp_path, made)
     assert np.abs(ours - cycles).max() < 0.02
