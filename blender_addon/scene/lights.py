@@ -2,7 +2,8 @@
 
 Of a power P in watts, as Cycles takes it: a point and the axis of a spot have the intensity P / (4 π), a sphere of
 radius r the radiance P / (4 π² r²), an area A the radiance P / (π A) on its front. The strength of a sun is its
-irradiance.
+irradiance. Where *Normalize* is off, which newer Blenders have, P / π is the radiance of spheres and areas, whatever
+their size, and the strength of a sun is its radiance.
 """
 
 from __future__ import annotations
@@ -34,12 +35,21 @@ def light(export: Export, obj: bpy.types.Object, world: np.ndarray, size: float)
     if not data.use_shadow:
         export.note('"{light}": a light without shadows casts them here', light=data.name)
     if data.type == "SUN":
-        return _sun(data, color, world, size)
+        return _sun(data, color * _of_size(data), world, size)
     if data.type == "SPOT":
-        return _spot(export, data, color / (4 * math.pi), world)
+        return _spot(export, data, color / (4 * math.pi) * _of_size(data), world)
     if data.type == "AREA":
         return _area(export, data, color, world)
-    return _point(data, color, world)
+    return _point(data, color * _of_size(data), world)
+
+
+def _of_size(data: bpy.types.Light) -> float:
+    """What the power of a light is multiplied by, where its size decides how much light it gives."""
+    if getattr(data, "normalize", True) or data.type == "AREA":
+        return 1.0
+    if data.type == "SUN":
+        return math.pi * math.sin(data.angle / 2) ** 2 if data.angle else 1.0
+    return 4 * math.pi * data.shadow_soft_size**2 if data.shadow_soft_size else 4.0
 
 
 def _is_portal(data: bpy.types.Light) -> bool:
