@@ -64,13 +64,21 @@ def _color(export: Export, data: bpy.types.Light) -> np.ndarray:
         color *= np.array(data.temperature_color[:3])
     color = np.maximum(from_working(color), 0)
     tree = active_tree(data)
-    output = output_of(tree) if tree else None
-    reader = Reader(export, data.name)
+    if tree is None:
+        return color
+    output, reader = output_of(tree), Reader(export, data.name)
     source = reader.source(output.inputs["Surface"]) if output else None
-    if source is not None and source.node.type == "EMISSION":
-        emission = reader.color(source.node.inputs["Color"])
-        color *= reader.constant(source.node.inputs["Strength"])
-        color *= np.array(emission["value"]) if emission["type"] == "rgb" else 1.0
+    if source is None:
+        return np.zeros(3)
+    node = source.node
+    if node.type != "EMISSION":
+        reader.note('the node "{node}" has no counterpart in Mitsuba; it shines as without nodes', node=node.name)
+        return color
+    emission = reader.color(node.inputs["Color"])
+    color *= reader.constant(node.inputs["Strength"])
+    if emission["type"] == "rgb":
+        return color * np.array(emission["value"])
+    reader.note('the texture of "{socket}" is left out', socket=node.inputs["Color"].name)
     return color
 
 

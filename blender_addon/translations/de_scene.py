@@ -38,6 +38,9 @@ NOTES = {
     'the node "{node}" has no counterpart in Mitsuba; the world has its viewport color': (
         "der Node „{node}“ hat kein Gegenstück in Mitsuba; die Welt hat ihre Farbe im Ansichtsfenster"
     ),
+    'the node "{node}" has no counterpart in Mitsuba; it shines as without nodes': (
+        "der Node „{node}“ hat kein Gegenstück in Mitsuba; es leuchtet wie ohne Nodes"
+    ),
     "the nodes of the world are left out; behind splats alone is its viewport color": (
         "die Nodes der Welt werden weggelassen; hinter Splats allein ist ihre Farbe im Ansichtsfenster"
     ),
