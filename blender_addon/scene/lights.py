@@ -91,12 +91,15 @@ def _point(data: bpy.types.Light, color: np.ndarray, world: np.ndarray) -> Plugi
 
 
 def _spot(export: Export, data: bpy.types.Light, intensity: np.ndarray, world: np.ndarray) -> Plugin:
-    """Sharp, as Mitsuba's has no size; Blender's soft edge is a texture that it throws."""
+    """Sharp, as Mitsuba's has no size; Blender's soft edge, of a cone that is scaled unevenly an ellipse, is a texture
+    that it throws."""
     if data.shadow_soft_size > 0:
         export.note('"{light}": the shadows of a spot are sharp', light=data.name)
-    half = min(data.spot_size / 2, WIDEST)
-    across = (np.arange(FALLOFF_PIXELS) + 0.5) / FALLOFF_PIXELS * 2 - 1
-    cosine = 1 / np.hypot(1, np.tan(half) * np.hypot(across[:, None], across))
+    scale = np.maximum(np.linalg.norm(world[:3, :3], axis=0), 1e-12)
+    x, y = scale[:2] / scale[2]
+    half = min(math.atan(math.tan(min(data.spot_size / 2, WIDEST)) * max(x, y)), WIDEST)
+    across = math.tan(half) * ((np.arange(FALLOFF_PIXELS) + 0.5) / FALLOFF_PIXELS * 2 - 1)
+    cosine = 1 / np.hypot(1, np.hypot(across[:, None] / y, across / x))
     inside = cosine - math.cos(data.spot_size / 2)
     width = (1 - math.cos(data.spot_size / 2)) * data.spot_blend
     t = np.clip(inside / width, 0, 1) if width > 0 else (inside > 0).astype(float)

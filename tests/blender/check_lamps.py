@@ -3,6 +3,7 @@
 import json
 
 import bpy
+import numpy as np
 import pytest
 from blender_pictures import picture
 from surroundings import GREY, blocks, body, camera, image, light, link, material, plane
@@ -66,3 +67,12 @@ def test_a_light_whose_nodes_end_nowhere_is_dark(scene, tmp_path):
         tree.links.new(emission.outputs[0], socket)
     lights, (note,) = written_lights(scene, tmp_path)
     assert len(lights) == 1 and f'"{lamp.name}": the node "{added.name}" has no counterpart' in note
+
+
+@pytest.mark.parametrize("scale", [(2, 1, 1), (1, 1.5, 1), (0.4, 0.8, 1), (1, 1, 2), (-2, 1, 1)])
+def test_the_cone_of_a_spot_is_scaled_with_it(scene, tmp_path, scale):
+    spot = light(scene, "SPOT", (0.3, 0.1, 2), (0.2, 0.3, 0.5), energy=100, shadow_soft_size=0, spot_size=1.2)
+    spot.data.spot_blend, spot.scale = 0.5, scale
+    cycles, ours = both(scene, tmp_path)
+    assert cycles.max() > 0.1
+    assert np.abs(ours - cycles).max() < 0.03 * cycles.max()
