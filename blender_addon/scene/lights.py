@@ -30,6 +30,8 @@ def light(export: Export, obj: bpy.types.Object, world: np.ndarray, size: float)
     """The emitter of an evaluated light object; ``world`` [4, 4] places it in a scene of radius ``size``."""
     data = obj.data
     color = _color(export, data)
+    if data.energy < 0:
+        export.note('"{light}": a light of negative power is left out', light=data.name)
     if not color.any() or _is_portal(data):
         return None
     if not data.use_shadow:

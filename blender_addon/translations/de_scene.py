@@ -32,6 +32,7 @@ NOTES = {
         "die Überschreibung der Welt durch die Ansichtsebene wird weggelassen"
     ),
     '"{light}": the shadows of a spot are sharp': "„{light}“: die Schatten eines Spots sind scharf",
+    '"{light}": a light of negative power is left out': "„{light}“: ein Licht negativer Leistung wird weggelassen",
     '"{light}": an area light shines to all sides, whatever its spread': (
         "„{light}“: ein Flächenlicht leuchtet nach allen Seiten, unabhängig von seiner Streuung"
     ),

@@ -69,6 +69,11 @@ def test_a_light_whose_nodes_end_nowhere_is_dark(scene, tmp_path):
     assert len(lights) == 1 and f'"{lamp.name}": the node "{added.name}" has no counterpart' in note
 
 
+def test_a_light_that_takes_light_away_is_said_to_be_left_out(scene, tmp_path):
+    lamp = light(scene, "POINT", energy=-100).data
+    assert written_lights(scene, tmp_path) == ([], [f'"{lamp.name}": a light of negative power is left out'])
+
+
 @pytest.mark.parametrize("scale", [(2, 1, 1), (1, 1.5, 1), (0.4, 0.8, 1), (1, 1, 2), (-2, 1, 1)])
 def test_the_cone_of_a_spot_is_scaled_with_it(scene, tmp_path, scale):
     spot = light(scene, "SPOT", (0.3, 0.1, 2), (0.2, 0.3, 0.5), energy=100, shadow_soft_size=0, spot_size=1.2)
