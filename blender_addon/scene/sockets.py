@@ -13,6 +13,7 @@ from ..files.errors import told
 from .export import Export, Plugin, blender_rgb
 from .images import bitmap
 
+OWN_VALUE = 'the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value'
 WRAPPING = {"REPEAT": "repeat", "EXTEND": "clamp", "MIRROR": "mirror"}
 
 
@@ -68,7 +69,7 @@ class Reader:
         """An image by the texture coordinates of the mesh; None, with a note, for what is none."""
         node = source.node
         if node.type != "TEX_IMAGE" or node.image is None:
-            self.note('the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value', node=node.name)
+            self.note(OWN_VALUE, node=node.name)
             return None
         texture = bitmap(self.export, node.image, source.name, factor, node.outputs["Alpha"].is_linked)
         if texture is None:
@@ -88,7 +89,7 @@ class Reader:
         found = None
         if source is not None and source.node.type == "MAPPING" and source.node.vector_type == "POINT":
             mapping = source.node
-            location, rotation, scale = (self._vector(mapping.inputs[k]) for k in ("Location", "Rotation", "Scale"))
+            location, rotation, scale = (self.vector(mapping.inputs[k]) for k in ("Location", "Rotation", "Scale"))
             sin, cos = np.sin(rotation[2]), np.cos(rotation[2])
             found = np.array([[cos * scale[0], -sin * scale[1], location[0]],
                               [sin * scale[0], cos * scale[1], location[1]], [0, 0, 1]])  # fmt: skip
@@ -104,7 +105,8 @@ class Reader:
             return source.name == "UV"
         return not source.node.uv_map or self.uv_maps <= {source.node.uv_map}
 
-    def _vector(self, socket: bpy.types.NodeSocket) -> np.ndarray:
+    def vector(self, socket: bpy.types.NodeSocket) -> np.ndarray:
+        """[3] of a mapping, as its own fields have it."""
         if self.source(socket) is not None:
             self.note('what "{socket}" of a mapping is linked to is left out', socket=socket.name)
         return np.array(socket.default_value[:], np.float64)

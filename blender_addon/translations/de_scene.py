@@ -46,12 +46,17 @@ NOTES = {
         "die Nodes der Welt werden weggelassen; hinter Splats allein ist ihre Farbe im Ansichtsfenster"
     ),
     "the picture of the world is taken as equirectangular": "das Bild der Welt wird als äquirektangular verstanden",
+    'the picture of the world is looked up by directions, instead of "{node}"': (
+        "das Bild der Welt wird nach Richtungen nachgeschlagen, statt nach „{node}“"
+    ),
+    'of the mapping "{mapping}" only the rotation is drawn': "vom Mapping „{mapping}“ wird nur die Drehung gezeichnet",
     'the mapping "{mapping}" is left out': "das Mapping „{mapping}“ wird weggelassen",
     # Materials
     "its displacement is left out": "sein Displacement wird weggelassen",
     '"{name}": its light linking is left out': "„{name}“: sein Light Linking wird weggelassen",
     '"{name}": its hair is left out': "„{name}“: seine Haare werden weggelassen",
     '"{light}": a light without shadows casts them here': "„{light}“: ein Licht ohne Schatten wirft hier welche",
+    "its Ray Visibility is left out": "ihre Strahlensichtbarkeit wird weggelassen",
     "its volume is left out": "sein Volumen wird weggelassen",
     'the shader "{node}" has no counterpart in Mitsuba; drawn in the color of the viewport': (
         "der Shader „{node}“ hat kein Gegenstück in Mitsuba; gezeichnet in der Farbe des Ansichtsfensters"
