@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Euler
 
 from ..files.errors import told
 from .export import Export, Plugin, blender_rgb
@@ -90,9 +91,9 @@ class Reader:
         if source is not None and source.node.type == "MAPPING" and source.node.vector_type == "POINT":
             mapping = source.node
             location, rotation, scale = (self.vector(mapping.inputs[k]) for k in ("Location", "Rotation", "Scale"))
-            sin, cos = np.sin(rotation[2]), np.cos(rotation[2])
-            found = np.array([[cos * scale[0], -sin * scale[1], location[0]],
-                              [sin * scale[0], cos * scale[1], location[1]], [0, 0, 1]])  # fmt: skip
+            found = np.eye(3)  # what leaves the plane of the picture, when it is turned about x or y, is not looked at
+            found[:2, :2] = np.array(Euler(rotation).to_matrix(), np.float64)[:2, :2] * scale[:2]
+            found[:2, 2] = location[:2]
             source = self.source(mapping.inputs["Vector"])
         if source is not None and not self._is_rendered(source):
             problem = '"{image}" takes the texture coordinates of the mesh, instead of "{node}"'
