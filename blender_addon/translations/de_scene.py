@@ -11,6 +11,9 @@ NOTES = {
         "„{name}“: seine Splats werden weggelassen, da es entlang einer Achse auf nichts skaliert ist"
     ),
     "all splats are hidden from this picture": "alle Splats sind in diesem Bild verborgen",
+    '"{name}": the picture of the camera is drawn without the shear of its parents; apply their scale': (
+        "„{name}“: das Bild der Kamera wird ohne die Scherung durch ihre Eltern gezeichnet; deren Skalierung anwenden"
+    ),
     "motion blur is left out": "Bewegungsunschärfe wird weggelassen",
     "depth of field is left out; it takes Whole Scene and Linear colors": (
         "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"
