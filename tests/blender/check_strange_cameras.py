@@ -1,17 +1,21 @@
 """Cameras that their objects or parents mirror or shear."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
 from blender_pictures import psnr, rendered
+from live_views import PERSPECTIVE, through_the_camera
 from mathutils import Matrix
 from model_files import load
 from references import REFERENCES, place_camera, reference
 from surroundings import background, body, camera, material, plane
 
-from blender_addon.cameras.objects import pinhole_numbers
+from blender_addon.cameras.objects import camera_numbers, pinhole_numbers
 from blender_addon.engine.order import make_order
 from blender_addon.engine.settings import ENGINE
+from blender_addon.viewport.region import seen_by
 
 
 def sheared(scene):
@@ -58,3 +62,19 @@ def test_data_of_sheared_cameras_are_refused(scene):
     sheared(scene)
     with pytest.raises(ValueError, match="sheared by its parents; apply their scale"):
         pinhole_numbers(scene, scene.camera)
+
+
+def test_a_viewport_looks_through_such_a_camera_as_a_render_does(scene):
+    place_camera(scene, "square")
+    sheared(scene)
+    pose = through_the_camera(scene).camera.w2c
+    assert np.allclose(pose, camera_numbers(scene, scene.camera).w2c, atol=1e-5)
+
+
+def test_a_camera_that_is_scaled_to_nothing_raises_nothing(scene):
+    place_camera(scene, "square")
+    scene.camera.scale = (0, 0, 0)
+    bpy.context.view_layer.update()
+    space = SimpleNamespace(view_matrix=Matrix.Diagonal((0, 0, 0, 1)), window_matrix=PERSPECTIVE, is_perspective=True)
+    for found in (seen_by(space, 96, 64).camera, camera_numbers(scene, scene.camera)):
+        assert np.allclose(found.w2c[:3, :3] @ found.w2c[:3, :3].T, np.eye(3))
