@@ -14,6 +14,10 @@ NOTES = {
     '"{name}": the picture of the camera is drawn without the shear of its parents; apply their scale': (
         "„{name}“: das Bild der Kamera wird ohne die Scherung durch ihre Eltern gezeichnet; deren Skalierung anwenden"
     ),
+    '"{name}": a sheet of glass changes the brightness of what is behind it; give it thickness, as by Solidify': (
+        "„{name}“: Glas ohne Dicke ändert die Helligkeit dessen, was dahinter ist; ihm eine Dicke geben, etwa durch "
+        "„Solidify“"
+    ),
     "motion blur is left out": "Bewegungsunschärfe wird weggelassen",
     "depth of field is left out; it takes Whole Scene and Linear colors": (
         "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"

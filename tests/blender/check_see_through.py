@@ -4,9 +4,11 @@ import bpy
 import numpy as np
 import pytest
 from blender_pictures import picture
-from surroundings import GREY, background, body, camera, image, light, link, material, plane
+from surroundings import GREY, background, body, camera, image, light, link, material, plane, sphere
 
+from blender_addon.cameras.objects import camera_numbers
 from blender_addon.engine.settings import ENGINE
+from blender_addon.scene.write import write_scene
 
 PRINCIPLED = {"Alpha": 0.25, "Emission_Color": (0.8, 0.2, 0.3, 1), "Emission_Strength": 1.0,
               "Base_Color": (0, 0, 0, 1), "Specular_IOR_Level": 0.0}  # fmt: skip
@@ -39,6 +41,13 @@ def test_a_body_of_fog_alone_has_no_surface(scene, tmp_path):
     cycles, ours = both(scene, tmp_path, fog)
     assert cycles.min() > 0.1
     assert ours == pytest.approx(cycles, abs=0.01)
+
+
+def has_sheet(scene, folder):
+    """Names of what is said to be a sheet of glass."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    notes = write_scene(depsgraph, None, camera_numbers(scene, scene.camera), folder, 0).notes
+    return [note.split('"')[1] for note in notes if "sheet of glass" in note]
 
 
 def mixed(share, first, second, **values):
@@ -148,3 +157,16 @@ def test_colors_of_pictures_have_the_alpha_that_they_have_in_cycles(scene, tmp_p
         made.node_tree.links.new(texture.outputs["Alpha"], diffuse.inputs["Color"])
     cycles, ours = both(scene, tmp_path, made)
     assert np.abs(ours - cycles).max() < 0.02
+
+
+@pytest.mark.parametrize("kind", ["ShaderNodeBsdfGlass", "ShaderNodeBsdfPrincipled", "ShaderNodeBsdfDiffuse"])
+def test_glass_without_thickness_is_said_to_change_the_brightness(scene, tmp_path, kind):
+    """Which it does by the square of its index; of what encloses something, split or not, nothing is said."""
+    camera(scene, (0, 0, 8))
+    glass = material(kind, **({"Transmission_Weight": 0.5} if "Principled" in kind else {}))
+    pane = body(plane(2), glass)
+    body(sphere(1), glass)
+    body(sphere(1), glass).modifiers.new("Split", "EDGE_SPLIT").split_angle = 0.0
+    assert has_sheet(scene, tmp_path) == ([pane.name] if "Diffuse" not in kind else [])
+    pane.modifiers.new("Solidify", "SOLIDIFY").thickness = 0.1
+    assert has_sheet(scene, tmp_path) == []
