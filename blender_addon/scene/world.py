@@ -51,9 +51,11 @@ def world_light(export: Export, world: bpy.types.World | None) -> Plugin | None:
 
 
 def is_plain(world: bpy.types.World | None) -> bool:
-    """Whether it is one colour everywhere."""
+    """Whether it is one colour everywhere, textures that lie unused among its nodes or not."""
     tree = active_tree(world) if world else None
-    return tree is None or not any(node.type.startswith("TEX_") for node in tree.nodes)
+    if tree is None or one_color(world) is not None:
+        return True
+    return not any(node.type.startswith("TEX_") for node in tree.nodes)
 
 
 def one_color(world: bpy.types.World | None) -> np.ndarray | None:

@@ -9,7 +9,7 @@ from surroundings import background, blocks, camera, image, link
 
 from blender_addon.engine.settings import ENGINE
 from blender_addon.scene.export import Export
-from blender_addon.scene.world import world_light
+from blender_addon.scene.world import is_plain, world_light
 
 
 def sky(scene):
@@ -103,3 +103,16 @@ def test_a_world_that_not_all_rays_see_is_said_to_be_seen(scene, tmp_path):
     assert notes_of(scene, tmp_path) == []
     scene.world.cycles_visibility.camera = False
     assert notes_of(scene, tmp_path) == ["its Ray Visibility is left out"]
+
+
+def test_a_picture_that_no_link_takes_is_no_part_of_the_world(scene):
+    """So that splats before it are rendered alone."""
+    tree, found = sky(scene)
+    assert not is_plain(scene.world)
+    found.mute = True
+    assert is_plain(scene.world)
+    found.mute = False
+    tree.links.remove(found.outputs["Color"].links[0])
+    assert is_plain(scene.world)
+    scene.world = None
+    assert is_plain(scene.world)
