@@ -64,6 +64,22 @@ def rigid(path: Path, name: str, matrix: Any) -> np.ndarray:
     return result
 
 
+def unsheared(c2w: np.ndarray) -> np.ndarray:
+    """The [4, 4] pose, mirrored or not, that is nearest to one with axes of length 1; the same array where it is one.
+
+    The translation stays, and the inverse is that of the inverse but for it.
+
+    Parents that are scaled unevenly shear what is turned in them, and no pinhole sees so.
+    """
+    axes = c2w[:3, :3]
+    if np.abs(axes.T @ axes - np.eye(3)).max() < RIGID_TOLERANCE:
+        return c2w
+    u, _, vt = np.linalg.svd(axes)
+    found = c2w.copy()
+    found[:3, :3] = u @ vt
+    return found
+
+
 def camera_name(file: str) -> str:
     """Name of the view of an image file: no extension, which begins with a letter, and no folder ``images`` or
     ``images_2``; ``/`` becomes ``_``."""

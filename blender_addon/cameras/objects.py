@@ -9,7 +9,7 @@ from mathutils import Matrix
 from ..files.errors import told, type_name
 from ..files.transform import mean_scale
 from ..objects.conventions import remember
-from .camera import OPENCV_FROM_OPENGL, Camera
+from .camera import OPENCV_FROM_OPENGL, Camera, unsheared
 
 SENSOR = 36.0  # mm
 SIZE = "dogsplat_image_size"  # width, height in pixels, and the aspect of a pixel (fy / fx)
@@ -78,9 +78,15 @@ def camera_numbers(scene: bpy.types.Scene, obj: bpy.types.Object, eye: Eye | Non
     sensor, parallel = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width, data.type == "ORTHO"
     focal = size / data.ortho_scale if parallel else data.lens / sensor * size
     cx, cy = width / 2 - shift_x * size / ax, height / 2 + data.shift_y * size / ay
-    c2w = np.array(pose, np.float64) @ OPENCV_FROM_OPENGL
+    c2w = unsheared(np.array(pose, np.float64)) @ OPENCV_FROM_OPENGL
     numbers = focal / ax, focal / ay, cx, cy, width, height
     return Camera(obj.name, np.linalg.inv(c2w), *numbers, orthographic=parallel)
+
+
+def is_sheared(obj: bpy.types.Object) -> bool:
+    """Whether Blender shows a camera's picture sheared, as its parents are scaled unevenly."""
+    pose = np.array(obj.matrix_world.normalized(), np.float64)
+    return unsheared(pose) is not pose
 
 
 def pinhole_numbers(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
@@ -89,6 +95,8 @@ def pinhole_numbers(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
     if camera.orthographic:
         problem = 'the camera "{name}" is orthographic; this takes a perspective camera'
         raise ValueError(told(problem, name=obj.name))
+    if is_sheared(obj):
+        raise ValueError(told('the camera "{name}" is sheared by its parents; apply their scale', name=obj.name))
     return camera
 
 

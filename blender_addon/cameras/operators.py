@@ -50,7 +50,7 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """All cameras in a collection of their own; after an error, none."""
-        path = Path(self.filepath)
+        path = Path(bpy.path.abspath(self.filepath))
         collection = None
         try:
             cameras, trained_at = read_cameras(path, _image_size)

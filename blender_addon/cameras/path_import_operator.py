@@ -35,7 +35,7 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """A camera that follows the active model of splats, as it is placed now; after an error, none."""
-        scene, path = context.scene, Path(self.filepath)
+        scene, path = context.scene, Path(bpy.path.abspath(self.filepath))
         model = context.view_layer.objects.active
         matrix = Matrix(placement(model)) if has_splats(model) else Matrix.Identity(4)
         upright = matrix.to_3x3().inverted_safe() @ Vector((0, 0, 1))  # of Blender, in the coordinates of the file

@@ -50,7 +50,7 @@ class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
                 scene.frame_set(frame)
                 matrix = placement(model) if model else np.eye(4)
                 keys.append({"time": (frame - frames[0]) / rate, **_key(scene, matrix)})
-            write_whole(Path(self.filepath), [(json.dumps({"keys": keys}, indent=1) + "\n").encode()])
+            write_whole(Path(bpy.path.abspath(self.filepath)), [(json.dumps({"keys": keys}, indent=1) + "\n").encode()])
         except ValueError as error:  # FileError too
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

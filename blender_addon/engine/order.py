@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ..cameras.camera import Camera
-from ..cameras.objects import Eye, camera_numbers, rendered_part
+from ..cameras.objects import Eye, camera_numbers, is_sheared, rendered_part
 from ..evaluated.masks import mask_of, numbered
 from ..evaluated.placed import copied_drawings, moved_model, objects_in, placed_model, placed_splats
 from ..evaluated.shown_object import ShownObject
@@ -34,6 +34,7 @@ from ..scene.write import has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 COPIED = '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing'
+SHEARED = '"{name}": the picture of the camera is drawn without the shear of its parents; apply their scale'
 BEHIND = "the nodes of the world are left out; behind splats alone is its viewport color"
 HIDDEN = "all splats are hidden from this picture"
 FLAT = '"{name}": its splats are left out, as it is scaled to nothing along an axis'
@@ -107,6 +108,8 @@ def make_order(
         raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
     camera = rendered_part(scene.render, camera_numbers(scene, obj, eye))
     stage = make_stage(depsgraph, folder, camera, seen_by=sensor(scene, obj, square(camera)))
+    if is_sheared(obj):
+        stage.notes.append(told(SHEARED, name=obj.name))
     if scene.render.use_motion_blur:
         stage.notes.append(told("motion blur is left out"))
     if obj.data.dof.use_dof and camera.orthographic:

@@ -59,7 +59,7 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
             none = "what is selected shows no splats; select some, or what makes instances of them"
             self.report({"ERROR"}, told(hidden if any(map(holds_splats, chosen)) else none))
             return {"CANCELLED"}
-        objects = [obj for obj, _, _ in placed]
+        objects, path = [obj for obj, _, _ in placed], Path(bpy.path.abspath(self.filepath))
         first = context.object if context.object in objects else objects[0]
         target = np.linalg.inv(import_matrix(first)) if self.space == "FILE" else np.eye(4)
         try:
@@ -68,11 +68,11 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
             model = concatenate(models)
             if model.n_splats == 0:
                 remedy = "select a model that has some, or open its crop"
-                raise FileError(self.filepath, "there is no splat to export", remedy)
+                raise FileError(path, "there is no splat to export", remedy)
             said = said_of_all(first, objects, target)
             if self.space == "WORLD":
                 said = replace(said, up=(0.0, 0.0, 1.0), scale=metres_of_unit(context.scene))
-            write_ply(Path(self.filepath), model, said.lit(light).comments)
+            write_ply(path, model, said.lit(light).comments)
         except ValueError as error:  # FileError too
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

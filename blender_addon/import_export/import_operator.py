@@ -117,7 +117,8 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Read every file first, then build: an error leaves nothing behind."""
         names = [file.name for file in self.files if file.name]
-        paths = [Path(self.directory) / name for name in names] or [Path(self.filepath)]
+        folder = Path(bpy.path.abspath(self.directory))
+        paths = [folder / name for name in names] or [Path(bpy.path.abspath(self.filepath))]
         try:
             read = [(path, *read_model(path, partial(converted, command_of(context)))) for path in paths]
             models = [(path, self._reduced(path, model), said) for path, model, said in read]

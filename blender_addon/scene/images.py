@@ -18,10 +18,13 @@ LINEAR = ("Linear", "ACES2065-1", "ACEScg", "scene_linear")  # how names of line
 DRAWN = "sRGB", "Linear Rec.709", "scene_linear"  # color spaces of bytes
 
 
-def bitmap(export: Export, image: bpy.types.Image, channel: str = "Color", factor: float = 1.0) -> Plugin | None:
+def bitmap(
+    export: Export, image: bpy.types.Image, channel: str = "Color", factor: float = 1.0, alpha_used: bool = False
+) -> Plugin | None:
     """A texture of one image; None, with a note, where it has no pixels.
 
-    channel: ``Alpha`` for that alone. factor: multiplies linear colours, which then are floats.
+    channel: ``Alpha`` for that alone. factor: multiplies linear colours, which then are floats. alpha_used: as in
+    ``_by_alpha``.
     """
     if not _has_pixels(export, image):
         return None
@@ -31,12 +34,12 @@ def bitmap(export: Export, image: bpy.types.Image, channel: str = "Color", facto
     def write() -> str:
         pixels = pixels_of(image)
         if alpha:
-            return _write_floats(export, pixels[..., 3:])
+            return write_floats(export, pixels[..., 3:])
         if floats:
-            return _write_floats(export, _linear(image, pixels) * factor)
-        return _write_bytes(export, pixels[..., :3])
+            return write_floats(export, _linear(image, _by_alpha(image, pixels, alpha_used)) * factor)
+        return _write_bytes(export, _by_alpha(image, pixels, alpha_used))
 
-    name = WRITTEN.file_of(export, image, (channel, factor, working_space()), write)
+    name = WRITTEN.file_of(export, image, (channel, factor, alpha_used, working_space()), write)
     return {"type": "bitmap", "filename": name, "raw": floats or not _is_encoded(image)}
 
 
@@ -46,14 +49,28 @@ def environment(export: Export, image: bpy.types.Image) -> str | None:
         return None
 
     def write() -> str:
-        return _write_floats(export, _linear(image, pixels_of(image))[::-1])
+        return write_floats(export, _linear(image, pixels_of(image))[::-1])
 
     return WRITTEN.file_of(export, image, ("Environment", working_space()), write)
 
 
 def write_gray(export: Export, values: np.ndarray) -> Plugin:
     """A texture of one channel, [H, W]."""
-    return {"type": "bitmap", "filename": _write_floats(export, values[..., None]), "raw": True}
+    return {"type": "bitmap", "filename": write_floats(export, values[..., None]), "raw": True}
+
+
+def _by_alpha(image: bpy.types.Image, pixels: np.ndarray, alpha_used: bool) -> np.ndarray:
+    """Colours [H, W, 3] as Blender's engines take them: multiplied by alpha, unless a node takes that too.
+
+    Blender keeps bytes without their alpha, and floats with it. Alpha that is none, and numbers that are no colours,
+    change nothing.
+    """
+    colors, alpha = pixels[..., :3], pixels[..., 3:]
+    if image.colorspace_settings.is_data or image.alpha_mode in ("NONE", "CHANNEL_PACKED"):
+        return colors
+    if image.is_float:
+        return colors / np.where(alpha == 0, 1, alpha) if alpha_used else colors
+    return colors if alpha_used else colors * alpha
 
 
 def _linear(image: bpy.types.Image, pixels: np.ndarray) -> np.ndarray:
@@ -95,7 +112,7 @@ def pixels_of(image: bpy.types.Image) -> np.ndarray:
     return pixels.reshape(height, width, 4)
 
 
-def _write_floats(export: Export, values: np.ndarray) -> str:
+def write_floats(export: Export, values: np.ndarray) -> str:
     """PFM, whose own first row is the bottom one; ``values`` [H, W, 1 or 3] are in the order of Mitsuba."""
     height, width, channels = values.shape
     header = f"{'PF' if channels == 3 else 'Pf'}\n{width} {height}\n-1.0\n".encode()

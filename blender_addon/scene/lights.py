@@ -2,7 +2,8 @@
 
 Of a power P in watts, as Cycles takes it: a point and the axis of a spot have the intensity P / (4 π), a sphere of
 radius r the radiance P / (4 π² r²), an area A the radiance P / (π A) on its front. The strength of a sun is its
-irradiance.
+irradiance. Where *Normalize* is off, which newer Blenders have, P / π is the radiance of spheres and areas, whatever
+their size, and the strength of a sun is its radiance.
 """
 
 from __future__ import annotations
@@ -29,17 +30,28 @@ def light(export: Export, obj: bpy.types.Object, world: np.ndarray, size: float)
     """The emitter of an evaluated light object; ``world`` [4, 4] places it in a scene of radius ``size``."""
     data = obj.data
     color = _color(export, data)
+    if data.energy < 0:
+        export.note('"{light}": a light of negative power is left out', light=data.name)
     if not color.any() or _is_portal(data):
         return None
     if not data.use_shadow:
         export.note('"{light}": a light without shadows casts them here', light=data.name)
     if data.type == "SUN":
-        return _sun(data, color, world, size)
+        return _sun(data, color * _of_size(data), world, size)
     if data.type == "SPOT":
-        return _spot(export, data, color / (4 * math.pi), world)
+        return _spot(export, data, color / (4 * math.pi) * _of_size(data), world)
     if data.type == "AREA":
         return _area(export, data, color, world)
-    return _point(data, color, world)
+    return _point(data, color * _of_size(data), world)
+
+
+def _of_size(data: bpy.types.Light) -> float:
+    """What the power of a light is multiplied by, where its size decides how much light it gives."""
+    if getattr(data, "normalize", True) or data.type == "AREA":
+        return 1.0
+    if data.type == "SUN":
+        return math.pi * math.sin(data.angle / 2) ** 2 if data.angle else 1.0
+    return 4 * math.pi * data.shadow_soft_size**2 if data.shadow_soft_size else 4.0
 
 
 def _is_portal(data: bpy.types.Light) -> bool:
@@ -54,13 +66,21 @@ def _color(export: Export, data: bpy.types.Light) -> np.ndarray:
         color *= np.array(data.temperature_color[:3])
     color = np.maximum(from_working(color), 0)
     tree = active_tree(data)
-    output = output_of(tree) if tree else None
-    reader = Reader(export, data.name)
+    if tree is None:
+        return color
+    output, reader = output_of(tree), Reader(export, data.name)
     source = reader.source(output.inputs["Surface"]) if output else None
-    if source is not None and source.node.type == "EMISSION":
-        emission = reader.color(source.node.inputs["Color"])
-        color *= reader.constant(source.node.inputs["Strength"])
-        color *= np.array(emission["value"]) if emission["type"] == "rgb" else 1.0
+    if source is None:
+        return np.zeros(3)
+    node = source.node
+    if node.type != "EMISSION":
+        reader.note('the node "{node}" has no counterpart in Mitsuba; it shines as without nodes', node=node.name)
+        return color
+    emission = reader.color(node.inputs["Color"])
+    color *= reader.constant(node.inputs["Strength"])
+    if emission["type"] == "rgb":
+        return color * np.array(emission["value"])
+    reader.note('the texture of "{socket}" is left out', socket=node.inputs["Color"].name)
     return color
 
 
@@ -73,12 +93,15 @@ def _point(data: bpy.types.Light, color: np.ndarray, world: np.ndarray) -> Plugi
 
 
 def _spot(export: Export, data: bpy.types.Light, intensity: np.ndarray, world: np.ndarray) -> Plugin:
-    """Sharp, as Mitsuba's has no size; Blender's soft edge is a texture that it throws."""
+    """Sharp, as Mitsuba's has no size; Blender's soft edge, of a cone that is scaled unevenly an ellipse, is a texture
+    that it throws."""
     if data.shadow_soft_size > 0:
         export.note('"{light}": the shadows of a spot are sharp', light=data.name)
-    half = min(data.spot_size / 2, WIDEST)
-    across = (np.arange(FALLOFF_PIXELS) + 0.5) / FALLOFF_PIXELS * 2 - 1
-    cosine = 1 / np.hypot(1, np.tan(half) * np.hypot(across[:, None], across))
+    scale = np.maximum(np.linalg.norm(world[:3, :3], axis=0), 1e-12)
+    x, y = scale[:2] / scale[2]
+    half = min(math.atan(math.tan(min(data.spot_size / 2, WIDEST)) * max(x, y)), WIDEST)
+    across = math.tan(half) * ((np.arange(FALLOFF_PIXELS) + 0.5) / FALLOFF_PIXELS * 2 - 1)
+    cosine = 1 / np.hypot(1, np.hypot(across[:, None] / y, across / x))
     inside = cosine - math.cos(data.spot_size / 2)
     width = (1 - math.cos(data.spot_size / 2)) * data.spot_blend
     t = np.clip(inside / width, 0, 1) if width > 0 else (inside > 0).astype(float)

@@ -10,11 +10,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
+import numpy as np
 
 from .bsdf import BLACK, SMOOTH, glass, two_sided
 from .export import Export, Plugin, blender_rgb, rgb
 from .principled import bent, note_normal, principled
+from .products import product
 from .sockets import Reader, active_tree, output_of
+
+GREY = 1e-4  # by how much the channels of a grey differ
 
 
 @dataclass
@@ -24,6 +28,11 @@ class Surface:
     bsdf: Plugin
     radiance: Plugin | None = None
     opacity: float | Plugin | None = None
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether it neither covers nor shines, so that nobody sees it and no light ends at it."""
+        return self.opacity == 0 and self.radiance is None
 
     def whole(self) -> Plugin:
         """The BSDF with its opacity."""
@@ -39,12 +48,15 @@ def surface(export: Export, material: bpy.types.Material | None, uv_maps: frozen
     if tree is None:
         return _viewport(reader, material)
     output = output_of(tree)
-    found = _shader(reader, material, output.inputs["Surface"]) if output else Surface(BLACK, None, 0.0)
-    if output and output.inputs["Displacement"].is_linked:
+    if output is None:
+        return Surface(BLACK, None, 0.0)
+    if reader.source(output.inputs["Displacement"]) is not None:
         reader.note("its displacement is left out")
-    if output and output.inputs["Volume"].is_linked:
+    if reader.source(output.inputs["Volume"]) is not None:
         reader.note("its volume is left out")
-    return found
+        if reader.source(output.inputs["Surface"]) is None:  # fog without a skin, which nobody sees from outside
+            return Surface(BLACK, None, 0.0)
+    return _shader(reader, material, output.inputs["Surface"])
 
 
 def _shader(reader: Reader, material: bpy.types.Material, socket: bpy.types.NodeSocket) -> Surface:
@@ -70,7 +82,7 @@ def _viewport(reader: Reader, material: bpy.types.Material) -> Surface:
 
 def _principled(reader: Reader, node: bpy.types.Node) -> Surface:
     bsdf, radiance, opacity = principled(reader, node)
-    return Surface(bsdf, radiance, opacity)
+    return Surface(bsdf, _weakened(reader, radiance, 1.0 if opacity is None else opacity), opacity)
 
 
 def _diffuse(reader: Reader, node: bpy.types.Node) -> Surface:
@@ -103,8 +115,11 @@ def _translucent(reader: Reader, node: bpy.types.Node) -> Surface:
 
 
 def _transparent(reader: Reader, node: bpy.types.Node) -> Surface:
-    color = node.inputs["Color"].default_value[:3]
-    return Surface(BLACK, None, 1 - min(max(sum(color) / 3, 0.0), 1.0))
+    """A grey is an opacity; glass that neither bends nor mirrors has any colour."""
+    color = reader.color(node.inputs["Color"])
+    if color["type"] == "rgb" and np.ptp(color["value"]) < GREY:
+        return Surface(BLACK, None, 1 - min(color["value"][0], 1.0))
+    return Surface({"type": "thindielectric", "int_ior": 1.0, "ext_ior": 1.0, "specular_transmittance": color})
 
 
 def _emission(reader: Reader, node: bpy.types.Node) -> Surface:
@@ -116,31 +131,51 @@ def _mixed(reader: Reader, node: bpy.types.Node, first: Surface, second: Surface
     """``Fac`` is the share of the second; what is transparent becomes the opacity of the other."""
     share = reader.number(node.inputs[0])
     if first.opacity == 0 and second.opacity is None:
-        return replace(second, opacity=share)
+        return replace(second, radiance=_weakened(reader, second.radiance, share), opacity=share)
     if isinstance(share, dict):
         if first.radiance or second.radiance:
             reader.note("light of a mixture by a texture is left out")
         return Surface({"type": "blendbsdf", "weight": share, "a": first.whole(), "b": second.whole()})
     if second.opacity == 0 and first.opacity is None:
-        return replace(first, opacity=1 - share)
+        return replace(first, radiance=_weakened(reader, first.radiance, 1 - share), opacity=1 - share)
     if share in (0.0, 1.0):
         return second if share else first
-    lights = [scaled(light, part) for light, part in ((first.radiance, 1 - share), (second.radiance, share)) if light]
+    lights = [_weakened(reader, first.radiance, 1 - share), _weakened(reader, second.radiance, share)]
     blend = {"type": "blendbsdf", "weight": share, "a": first.whole(), "b": second.whole()}
-    return Surface(blend, _sum(reader, lights))
+    return Surface(blend, _sum(reader, [light for light in lights if light]))
 
 
 def _added(reader: Reader, first: Surface, second: Surface) -> Surface:
-    """Mitsuba adds no BSDFs: of two that are not black the first is kept."""
-    if first.bsdf is not BLACK and second.bsdf is not BLACK:
+    """Mitsuba adds no BSDFs: of two that are not black the first is kept, and what it covers is not seen."""
+    radiance = _sum(reader, [light for light in (first.radiance, second.radiance) if light])
+    if first.bsdf is BLACK and second.bsdf is BLACK:  # light, and what is seen through it
+        return Surface(BLACK, radiance, _in_common(reader, first.opacity, second.opacity))
+    kept, other = (second, first) if first.bsdf is BLACK else (first, second)
+    if other.bsdf is not BLACK:
         reader.note("of two shaders that are added the first is kept")
-    kept = first if first.bsdf is not BLACK else second
-    return replace(kept, radiance=_sum(reader, [s.radiance for s in (first, second) if s.radiance]))
+    elif other.opacity is not None:
+        reader.note("a transparent shader that is added to another is left out")
+    return replace(kept, radiance=radiance)
 
 
-def scaled(light: Plugin, factor: float) -> Plugin:
-    """A colour times a number; a texture is not scaled."""
-    return rgb([c * factor for c in light["value"]]) if light["type"] == "rgb" else light
+def _in_common(reader: Reader, first: float | Plugin | None, second: float | Plugin | None) -> float | Plugin | None:
+    """The opacity of two that are black: what is seen through one is added to what is seen through the other."""
+    if first is None or second is None:
+        return second if first is None else first
+    if isinstance(first, float) and isinstance(second, float):
+        return max(first + second - 1, 0.0)
+    reader.note("of two shaders that are added the first is kept")
+    return first
+
+
+def _weakened(reader: Reader, light: Plugin | None, share: float | Plugin) -> Plugin | None:
+    """What shines of a surface of which this share is there: Mitsuba's masks and blends leave light as it is."""
+    if light is None or share == 1:
+        return light
+    found = product(reader.export, light, share)
+    if found is None:
+        reader.note("light of a mixture by a texture is left out")
+    return found
 
 
 def _sum(reader: Reader, lights: list[Any]) -> Plugin | None:

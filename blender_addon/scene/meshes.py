@@ -27,6 +27,7 @@ class Part:
     normals: np.ndarray
     coordinates: np.ndarray
     uv_map: str = ""  # of the coordinates, as the mesh has it
+    welded: bool = False  # every edge of the whole mesh has two faces
 
     def moved(self, matrix: np.ndarray) -> Part:
         """By a [4, 4] matrix; a mirror turns the triangles, so that their front stays where it was."""
@@ -42,11 +43,7 @@ class Part:
 
     def back(self) -> Part:
         """A sheet just behind this one that looks the other way; nothing for a body, whose back nobody sees."""
-        sides = np.ascontiguousarray(np.round(self.positions, 6)).view([("", self.positions.dtype)] * 3).reshape(-1, 3)
-        _, corner = np.unique(sides, return_inverse=True)
-        corner = corner.reshape(-1, 3)
-        edges = np.sort(np.concatenate([corner[:, k] for k in ([0, 1], [1, 2], [2, 0])]), axis=1)
-        closed = (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+        closed = _is_closed(self.positions)
         turned = self.turned()
         step = APART * float(np.ptp(self.positions.reshape(-1, 3), axis=0).max(initial=0))
         back = Part(self.slot, turned.positions - step * turned.normals, -turned.normals, turned.coordinates)
@@ -67,6 +64,20 @@ class Part:
         return export.write(content, ".ply")
 
 
+def is_sheet(own: list[Part]) -> bool:
+    """Whether the parts of a mesh enclose nothing; vertices at one place count as one."""
+    return not (own[0].welded or _is_closed(np.concatenate([part.positions for part in own])))
+
+
+def _is_closed(positions: np.ndarray) -> bool:
+    """Whether every edge of triangles [T, 3, 3] has two of them."""
+    sides = np.ascontiguousarray(np.round(positions, 6)).view([("", positions.dtype)] * 3).reshape(-1, 3)
+    _, corner = np.unique(sides, return_inverse=True)
+    corner = corner.reshape(-1, 3)
+    edges = np.sort(np.concatenate([corner[:, k] for k in ([0, 1], [1, 2], [2, 0])]), axis=1)
+    return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
+
+
 def parts(obj: bpy.types.Object) -> list[Part]:
     """The geometry of an evaluated object in its own coordinates; none where it has no faces."""
     mesh = obj.to_mesh()
@@ -84,9 +95,11 @@ def parts(obj: bpy.types.Object) -> list[Part]:
         coordinates = _read(layer.uv, "vector", (len(mesh.loops), 2))[loops] if layer and count else None
         if coordinates is None:
             coordinates = np.zeros((count, 3, 2), np.float32)
+        edges = _read(mesh.loops, "edge_index", (len(mesh.loops),), np.int32)
+        welded = bool((np.bincount(edges, minlength=len(mesh.edges)) == 2).all())
         found = [(slot, slots == slot) for slot in np.unique(slots)]
         name = layer.name if layer else ""
-        return [Part(int(slot), positions[own], normals[own], coordinates[own], name) for slot, own in found]
+        return [Part(int(k), positions[own], normals[own], coordinates[own], name, welded) for k, own in found]
     finally:
         obj.to_mesh_clear()
 

@@ -8,11 +8,13 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Euler
 
 from ..files.errors import told
 from .export import Export, Plugin, blender_rgb
 from .images import bitmap
 
+OWN_VALUE = 'the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value'
 WRAPPING = {"REPEAT": "repeat", "EXTEND": "clamp", "MIRROR": "mirror"}
 
 
@@ -68,9 +70,9 @@ class Reader:
         """An image by the texture coordinates of the mesh; None, with a note, for what is none."""
         node = source.node
         if node.type != "TEX_IMAGE" or node.image is None:
-            self.note('the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value', node=node.name)
+            self.note(OWN_VALUE, node=node.name)
             return None
-        texture = bitmap(self.export, node.image, source.name, factor)
+        texture = bitmap(self.export, node.image, source.name, factor, node.outputs["Alpha"].is_linked)
         if texture is None:
             return None
         if node.extension not in WRAPPING:
@@ -88,10 +90,10 @@ class Reader:
         found = None
         if source is not None and source.node.type == "MAPPING" and source.node.vector_type == "POINT":
             mapping = source.node
-            location, rotation, scale = (self._vector(mapping.inputs[k]) for k in ("Location", "Rotation", "Scale"))
-            sin, cos = np.sin(rotation[2]), np.cos(rotation[2])
-            found = np.array([[cos * scale[0], -sin * scale[1], location[0]],
-                              [sin * scale[0], cos * scale[1], location[1]], [0, 0, 1]])  # fmt: skip
+            location, rotation, scale = (self.vector(mapping.inputs[k]) for k in ("Location", "Rotation", "Scale"))
+            found = np.eye(3)  # what leaves the plane of the picture, when it is turned about x or y, is not looked at
+            found[:2, :2] = np.array(Euler(rotation).to_matrix(), np.float64)[:2, :2] * scale[:2]
+            found[:2, 2] = location[:2]
             source = self.source(mapping.inputs["Vector"])
         if source is not None and not self._is_rendered(source):
             problem = '"{image}" takes the texture coordinates of the mesh, instead of "{node}"'
@@ -104,7 +106,8 @@ class Reader:
             return source.name == "UV"
         return not source.node.uv_map or self.uv_maps <= {source.node.uv_map}
 
-    def _vector(self, socket: bpy.types.NodeSocket) -> np.ndarray:
+    def vector(self, socket: bpy.types.NodeSocket) -> np.ndarray:
+        """[3] of a mapping, as its own fields have it."""
         if self.source(socket) is not None:
             self.note('what "{socket}" of a mapping is linked to is left out', socket=socket.name)
         return np.array(socket.default_value[:], np.float64)

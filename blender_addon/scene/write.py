@@ -18,10 +18,11 @@ from ..evaluated.visible import is_shown
 from ..files.errors import type_name
 from ..nodes.material import draws_splats
 from ..objects.attributes import has_splats
+from .bsdf import refracts
 from .export import Export, Plugin, matrix
-from .lights import light
+from .lights import NOTHING, light
 from .materials import Surface, surface
-from .meshes import Part, parts
+from .meshes import Part, is_sheet, parts
 from .world import is_plain, world_light
 
 WITH_FACES = ("MESH", "META")  # Blender lists what others become as instances that are meshes; metaballs as both
@@ -29,6 +30,9 @@ Kind = tuple[int, tuple[str, ...]]  # geometry and materials: what is the same i
 LAMP = "light_"  # begins the id of a lamp
 RAYS = ("visible_diffuse", "visible_glossy", "visible_transmission", "visible_shadow")  # to which objects are shown
 WITHOUT = ("VOLUME", "POINTCLOUD", "CURVES")  # Grease Pencil is drawn by Blender, over the picture of any engine
+
+# Light that is bent is denser inside of glass, of which a sheet has only the one end
+SHEET = '"{name}": a sheet of glass changes the brightness of what is behind it; give it thickness, as by Solidify'
 
 
 @dataclass
@@ -192,7 +196,10 @@ def _bodies(
     groups: dict[Kind, str] = {}
     shapes: dict[str, Any] = {}
     for k, (body, kind) in enumerate(zip(found.bodies, kinds, strict=True)):
-        own = list(zip(found.geometry[body.key], kind[1], strict=True))
+        own = [(part, material) for part, material in zip(found.geometry[body.key], kind[1], strict=True)
+               if not looks[material].is_nothing]  # fmt: skip
+        if any(refracts(looks[material].bsdf) for _, material in own) and is_sheet(found.geometry[body.key]):
+            export.note(SHEET, name=body.of.name)
         name = f"object_{numbers[body.of, body.mask]}_{k}"
         if not own:  # Mitsuba repeats no group of nothing
             continue
@@ -209,6 +216,8 @@ def _bodies(
             shapes[f"{name}_{i}"] = _mesh(export, placed, material, looks)
             if looks[material].radiance and len((back := placed.back()).positions):
                 shapes[f"{name}_{i}_back"] = _mesh(export, back, material, looks)
+                if looks[material].opacity is not None:  # what is seen through both is weakened once
+                    shapes[f"{name}_{i}_back"]["bsdf"] = NOTHING
     return shapes
 
 

@@ -164,6 +164,9 @@ MESSAGES = {
     'the camera "{name}" has the type {kind}; splats need a perspective or orthographic camera': (
         "die Kamera „{name}“ hat den Typ „{kind}“; Splats brauchen eine perspektivische oder orthografische Kamera"
     ),
+    'the camera "{name}" is sheared by its parents; apply their scale': (
+        "die Kamera „{name}“ wird durch ihre Eltern geschert; deren Skalierung anwenden"
+    ),
     'the camera "{name}" is orthographic; this takes a perspective camera': (
         "die Kamera „{name}“ ist orthografisch; dazu braucht es eine perspektivische Kamera"
     ),

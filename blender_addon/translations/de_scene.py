@@ -11,6 +11,13 @@ NOTES = {
         "„{name}“: seine Splats werden weggelassen, da es entlang einer Achse auf nichts skaliert ist"
     ),
     "all splats are hidden from this picture": "alle Splats sind in diesem Bild verborgen",
+    '"{name}": the picture of the camera is drawn without the shear of its parents; apply their scale': (
+        "„{name}“: das Bild der Kamera wird ohne die Scherung durch ihre Eltern gezeichnet; deren Skalierung anwenden"
+    ),
+    '"{name}": a sheet of glass changes the brightness of what is behind it; give it thickness, as by Solidify': (
+        "„{name}“: Glas ohne Dicke ändert die Helligkeit dessen, was dahinter ist; ihm eine Dicke geben, etwa durch "
+        "„Solidify“"
+    ),
     "motion blur is left out": "Bewegungsunschärfe wird weggelassen",
     "depth of field is left out; it takes Whole Scene and Linear colors": (
         "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"
@@ -32,28 +39,40 @@ NOTES = {
         "die Überschreibung der Welt durch die Ansichtsebene wird weggelassen"
     ),
     '"{light}": the shadows of a spot are sharp': "„{light}“: die Schatten eines Spots sind scharf",
+    '"{light}": a light of negative power is left out': "„{light}“: ein Licht negativer Leistung wird weggelassen",
     '"{light}": an area light shines to all sides, whatever its spread': (
         "„{light}“: ein Flächenlicht leuchtet nach allen Seiten, unabhängig von seiner Streuung"
     ),
     'the node "{node}" has no counterpart in Mitsuba; the world has its viewport color': (
         "der Node „{node}“ hat kein Gegenstück in Mitsuba; die Welt hat ihre Farbe im Ansichtsfenster"
     ),
+    'the node "{node}" has no counterpart in Mitsuba; it shines as without nodes': (
+        "der Node „{node}“ hat kein Gegenstück in Mitsuba; es leuchtet wie ohne Nodes"
+    ),
     "the nodes of the world are left out; behind splats alone is its viewport color": (
         "die Nodes der Welt werden weggelassen; hinter Splats allein ist ihre Farbe im Ansichtsfenster"
     ),
     "the picture of the world is taken as equirectangular": "das Bild der Welt wird als äquirektangular verstanden",
+    'the picture of the world is looked up by directions, instead of "{node}"': (
+        "das Bild der Welt wird nach Richtungen nachgeschlagen, statt nach „{node}“"
+    ),
+    'of the mapping "{mapping}" only the rotation is drawn': "vom Mapping „{mapping}“ wird nur die Drehung gezeichnet",
     'the mapping "{mapping}" is left out': "das Mapping „{mapping}“ wird weggelassen",
     # Materials
     "its displacement is left out": "sein Displacement wird weggelassen",
     '"{name}": its light linking is left out': "„{name}“: sein Light Linking wird weggelassen",
     '"{name}": its hair is left out': "„{name}“: seine Haare werden weggelassen",
     '"{light}": a light without shadows casts them here': "„{light}“: ein Licht ohne Schatten wirft hier welche",
+    "its Ray Visibility is left out": "ihre Strahlensichtbarkeit wird weggelassen",
     "its volume is left out": "sein Volumen wird weggelassen",
     'the shader "{node}" has no counterpart in Mitsuba; drawn in the color of the viewport': (
         "der Shader „{node}“ hat kein Gegenstück in Mitsuba; gezeichnet in der Farbe des Ansichtsfensters"
     ),
     "light of a mixture by a texture is left out": "das Licht einer Mischung nach einer Textur wird weggelassen",
     "of two shaders that are added the first is kept": "von zwei addierten Shadern bleibt der erste",
+    "a transparent shader that is added to another is left out": (
+        "ein transparenter Shader, der zu einem anderen addiert wird, wird weggelassen"
+    ),
     "of two lights the first is kept": "von zwei Lichtern bleibt das erste",
     "the texture colors what is seen through it at each of its two surfaces": (
         "die Textur färbt, was durch sie zu sehen ist, an jeder der beiden Oberflächen"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cameras.camera import OPENCV_FROM_OPENGL, Camera
+from ..cameras.camera import OPENCV_FROM_OPENGL, Camera, unsheared
 from .projection import projection_of
 
 Part = tuple[int, int, int, int]
@@ -48,6 +48,9 @@ class Seen:
 def seen_by(space: Any, width: int, height: int) -> Seen:
     """What a region of so many pixels sees: ``space`` is its ``RegionView3D``."""
     w2c, (focal, center) = np.array(space.view_matrix, np.float64), projection_of(space, width, height)
+    if (rigid := unsheared(w2c)) is not w2c:  # of a camera, which stays in its place
+        rigid[:3, 3] = rigid[:3, :3] @ np.linalg.pinv(w2c[:3, :3]) @ w2c[:3, 3]
+        w2c = rigid
     a, b = np.array(space.window_matrix, np.float64)[2, 2:]
     if space.is_perspective:
         clip = b / (a - 1), b / (a + 1) if a < -1 else FAR

@@ -92,7 +92,7 @@ def read_fields(content: Any, kind: type[RequestKind]) -> RequestKind:
     values |= {name: Path(values[name]) for name in ("model", "scene") if name in values}
     try:
         if "camera" in values:
-            values["camera"] = camera_from_json(values["camera"])
+            values["camera"] = camera_from_json(values["camera"], mirror=True)
     except (ValueError, TypeError, OverflowError) as error:
         raise DataError(SOURCE, str(error), FORMAT) from error
     request = kind(**values)

@@ -35,8 +35,11 @@ def read_camera(path: str | Path) -> Camera:
         raise DataError(path, str(error), FORMAT) from error
 
 
-def camera_from_json(content: Any) -> Camera:
-    """The camera that a JSON object describes. Raises ``ValueError`` or ``TypeError`` where it does not."""
+def camera_from_json(content: Any, mirror: bool = False) -> Camera:
+    """The camera that a JSON object describes; ``mirror`` admits one that sees a mirror image.
+
+    Raises ``ValueError`` or ``TypeError`` where it does not.
+    """
     if not isinstance(content, dict):
         raise ValueError("is not a JSON object")
     missing = [name for name in ("w2c", "fx", "width", "height") if name not in content]
@@ -50,7 +53,7 @@ def camera_from_json(content: Any) -> Camera:
     fx = float(content["fx"])
     fy = float(content.get("fy", fx))
     cx, cy = float(content.get("cx", width / 2)), float(content.get("cy", height / 2))
-    return Camera(nearest_rigid(content["w2c"]), fx, fy, cx, cy, int(width), int(height))
+    return Camera(nearest_rigid(content["w2c"], mirror), fx, fy, cx, cy, int(width), int(height))
 
 
 def write_camera(path: str | Path, camera: Camera) -> None:

@@ -89,6 +89,21 @@ def test_textures_and_the_world_are_turned_as_in_cycles(scene, tmp_path):
     assert np.corrcoef(mitsuba.ravel(), cycles.ravel())[0, 1] > 0.98
 
 
+def test_a_mapping_turns_a_picture_about_all_axes(scene, tmp_path):
+    """Of what it turns out of its plane the shadow is seen."""
+    camera(scene, (0, 0, 8))
+    wall = material("ShaderNodeEmission")
+    shader = next(node for node in wall.node_tree.nodes if node.type == "EMISSION")
+    texture = link(wall.node_tree, "ShaderNodeTexImage", "Color", shader.inputs["Color"])
+    texture.image = image("wall", lambda x, y: (x, y, 0.5 * (x > 0.5)), True)
+    mapping = link(wall.node_tree, "ShaderNodeMapping", "Vector", texture.inputs["Vector"])
+    mapping.inputs["Scale"].default_value, mapping.inputs["Rotation"].default_value = (1.4, 0.8, 2), (0.8, -0.5, 0.6)
+    link(wall.node_tree, "ShaderNodeTexCoord", "UV", mapping.inputs["Vector"])
+    body(plane(8), wall)
+    cycles, mitsuba = both(scene, tmp_path)
+    assert np.abs(blocks(mitsuba) - blocks(cycles)).mean() < 0.01
+
+
 def test_pixels_need_not_be_square(scene, tmp_path):
     textured(scene)
     scene.render.pixel_aspect_y = 1.5

@@ -84,6 +84,15 @@ def test_splats_alone_are_the_picture_of_the_command(folder):
     np.testing.assert_allclose(picture["matte"][covered][:, 0, 1], picture["alpha"][covered], atol=1e-6)
 
 
+def test_a_mirrored_camera_sees_the_mirror_image(folder):
+    """As where somebody has mirrored one in Blender; of files of cameras it would be a mistake."""
+    mirrored = replace(CAMERA, w2c=np.diag([-1.0, 1, 1, 1]) @ CAMERA.w2c)
+    seen, expected = (
+        answered({"model": str(folder / "model.ply"), "camera": camera_json(camera)}) for camera in (mirrored, CAMERA)
+    )
+    np.testing.assert_allclose(seen["color"], expected["color"][:, ::-1], atol=1e-5)
+
+
 def test_splats_alone_along_parallel_rays_have_a_hole_where_a_holdout_is(folder, monkeypatch):
     """Bands and the share of holdouts see what the picture sees."""
     camera = Camera(CAMERA.w2c, 6.0, 6.0, 11.0, 9.5, WIDTH, HEIGHT)

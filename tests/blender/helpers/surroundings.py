@@ -76,11 +76,12 @@ def camera(scene: bpy.types.Scene, location, rotation=(0, 0, 0)) -> bpy.types.Ob
 
 
 def image(name: str, function, is_float: bool = False) -> bpy.types.Image:
-    """``function`` of x and y in 0..1 from the lower left gives three channels."""
-    made = bpy.data.images.new(name, 32, 32, float_buffer=is_float)
+    """``function`` of x and y in 0..1 from the lower left gives three channels, or four, the last of which is alpha."""
     y, x = (np.mgrid[:32, :32] + 0.5) / 32
+    values = np.stack(function(x, y), -1)
+    made = bpy.data.images.new(name, 32, 32, alpha=values.shape[-1] == 4, float_buffer=is_float)
     pixels = np.ones((32, 32, 4), np.float32)
-    pixels[..., :3] = np.stack(function(x, y), -1)
+    pixels[..., : values.shape[-1]] = values
     made.pixels.foreach_set(pixels.ravel())
     return made
 
