@@ -12,7 +12,7 @@ from ..datasets import Dataset, View, load_dataset
 from ..datasets.masks import Masks
 from ..datasets.world_config import WorldConfig
 from ..formats.model import Model
-from ..formats.read import read_source
+from ..formats.read import read_source, require_writable
 from ..formats.table import PLY, format_to_write
 from ..formats.upright import upright
 from ..formats.write import write_model
@@ -79,6 +79,8 @@ def clean_model(
     if format_to_write(out) is not PLY and config.mixed_sh:
         raise DataError("--mixed-sh", "only PLY has SH degrees of single primitives", "name a file that ends in .ply")
     read = read_source(model, out, "clean")
+    if preview:
+        require_writable(Path(preview))  # before the model is written
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
     options.require_for(drawn.linear)
     drawing = world.over(options.drawing.over(read.drawing), data)

@@ -65,12 +65,14 @@ def read_source(path: Path, out: Path, verb: str) -> Model:
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     if model.splats.n_splats == 0:
         raise DataError(path, "the model is empty", f"{verb} one that has primitives")
-    _require_writable(out)
+    require_writable(out)
     return model
 
 
-def _require_writable(out: Path) -> None:
+def require_writable(out: Path) -> None:
     """Raise ``DataError`` where a file cannot be made: said before what takes long."""
+    if out.is_dir():
+        raise DataError(out, "is a folder", "name a file in it")
     if not out.parent.is_dir():
         raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
     with writing(out), TemporaryFile(dir=out.parent):

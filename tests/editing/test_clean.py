@@ -209,6 +209,14 @@ def test_a_preview_shows_before_and_after_from_one_camera(capsys, model, tmp_pat
     assert (before.max(2) > 30).sum() > 1.5 * (after.max(2) > 30).sum() > 0
 
 
+@pytest.mark.parametrize("preview, problem", [("none/p.png", "no such folder"), ("folder.png", "is a folder")])
+def test_a_preview_that_cannot_be_written_is_told_before_the_model_is(capsys, model, tmp_path, preview, problem):
+    (tmp_path / "folder.png").mkdir()
+    command = ["clean", model, "-o", tmp_path / "o.ply", "--preview", tmp_path / preview]
+    assert_one_line(run(capsys, *command), preview, problem)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["folder.png", "model.ply"]
+
+
 @pytest.mark.parametrize(
     "flags, words",
     [

@@ -172,6 +172,12 @@ def test_a_version_of_spz_that_cannot_be_written_is_told_before_anything_is_refi
     assert_one_line(run(capsys, *command), "out.spz", f"SPZ {version}")
 
 
+def test_a_folder_of_the_name_of_the_file_is_told_before_anything_is_refined(capsys, model, tmp_path, monkeypatch):
+    monkeypatch.setattr("mi_dogsplat.export.write.refined", lambda *_: pytest.fail("it is being refined"))
+    (tmp_path / "out.spz").mkdir()
+    assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz"), "out.spz", "is a folder")
+
+
 def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.glb", "--small"), "--small", "glTF", ".spz")
     wrong = run(capsys, "export", model, "-o", tmp_path / "out.ply", "--spz-version", "4")
