@@ -76,6 +76,7 @@ def clean_model(
         raise DataError(config.needs_data, "needs the views of a training", "add --data DATA")
     if preview and Path(preview).suffix.lower() != ".png":
         raise DataError(preview, "no known picture format", "name a file that ends in .png")
+    options.require_use(images=bool(data or preview), pictures=bool(data or preview))
     if format_to_write(out) is not PLY and config.mixed_sh:
         raise DataError("--mixed-sh", "only PLY has SH degrees of single primitives", "name a file that ends in .ply")
     read = read_source(model, out, "clean")

@@ -85,7 +85,9 @@ def export_model(
     if steps != 0 or config.views:
         require_arrays()
     grids = SMALL_GRIDS[chosen.name] if config.small else None
-    dataset = load_dataset(data, options.shrink) if data and (steps != 0 or config.views) else None
+    looked_at = data if steps != 0 or config.views else None
+    options.require_use(images=bool(looked_at), pictures=bool(page or config.views or looked_at))
+    dataset = load_dataset(looked_at, options.shrink) if looked_at else None
     steps = steps_for(dataset) if steps is None else steps
     if steps:
         start = time.perf_counter()

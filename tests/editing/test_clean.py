@@ -232,6 +232,8 @@ def test_a_preview_that_cannot_be_written_is_told_before_the_model_is(capsys, mo
         (["--floaters"], ["--floaters", "add --data DATA"]),
         (["--masks", "masks"], ["--masks", "add --data DATA"]),
         (["--preview", "p.jpg"], ["p.jpg", ".png"]),
+        (["--downscale", 2], ["--downscale", "no images"]),
+        (["--background", "white"], ["--background", "no picture"]),
         (["--box", 7, 7, 7, 8, 8, 8], ["model.ply", "no primitive would be left", "take out less"]),
     ],
     ids=lambda value: " ".join(map(str, value)) if str(value[0])[:2] == "--" else "",

@@ -178,6 +178,21 @@ def test_a_folder_of_the_name_of_the_file_is_told_before_anything_is_refined(cap
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz"), "out.spz", "is a folder")
 
 
+def test_flags_of_pictures_without_any_are_refused(capsys, model, tmp_path):
+    def exported(*flags, out="out.ply"):
+        return run(capsys, "export", model, "-o", tmp_path / out, "--dog", "keep", *flags)
+
+    assert_one_line(exported("--downscale", 2), "--downscale", "no images")  # the views around a model have their size
+    assert_one_line(exported("--background", "white", "--views", 0), "--background", "no picture")
+    data = tiny_data.write_tiny_data(tmp_path / "data")
+    assert_one_line(exported("--data", data, "--downscale", 2, "--views", 0), "--downscale", "no images")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["data", "model.ply"]
+    assert exported("--background", "auto", "--downscale", 1, "--views", 0)[0] == 0  # which is usual
+    assert exported("--background", "white")[0] == 0
+    flags = ["--views", 0, "--refine", 0, "--background", "white"]
+    assert run(capsys, "export", model, "-o", tmp_path / "page.html", *flags)[0] == 0
+
+
 def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.glb", "--small"), "--small", "glTF", ".spz")
     wrong = run(capsys, "export", model, "-o", tmp_path / "out.ply", "--spz-version", "4")
