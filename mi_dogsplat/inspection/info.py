@@ -208,11 +208,13 @@ def _whole(value: Any) -> Any:
 
 
 def describe_dataset(path: Path) -> list[str]:
-    """Views, split, points, and whether cameras and points agree."""
+    """Views, split, points, whether cameras and points agree, and what ``world.json`` says."""
     from ..datasets import check_cameras, load_dataset  # here: see ``_is_dataset``
     from ..datasets.transforms import not_read
+    from ..datasets.world import read_world
 
     dataset = load_dataset(path, spp=SCENE_SPP, on_disk=True)
+    world = read_world(dataset.path).drawing
     check = check_cameras(dataset)
     lines = [
         f"{path}: data set",
@@ -231,6 +233,7 @@ def describe_dataset(path: Path) -> list[str]:
         lines.append(line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)"))
     if check.reprojection_px is not None:
         lines.append(line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
+    lines += [line("world", drawn(world))] if world.said() else []
     return lines + [line("not read", text) for text in not_read(path)]
 
 

@@ -163,6 +163,16 @@ def test_a_data_set_shows_its_views_points_and_whether_they_agree(tmp_path):
     assert "differ by 0." in value_of(lines, "colours")
 
 
+def test_a_data_set_tells_its_up_axis_and_unit(tmp_path):
+    world = tiny_data.write_tiny_data(tmp_path) / "world.json"
+    assert not any(line.startswith("  world") for line in describe(tmp_path))
+    world.write_text('{"up": "-y", "scale": 0.31}')
+    assert value_of(describe(tmp_path), "world") == "up -y, scale 0.31"
+    world.write_text('{"up": "w"}')
+    with pytest.raises(DataError, match="world.json: \"up\" is 'w'"):
+        describe(tmp_path)
+
+
 def test_a_data_set_tells_what_of_it_is_not_read(tmp_path):
     file = transforms_folder(tmp_path) / "transforms.json"
     content = json.loads(file.read_text())
