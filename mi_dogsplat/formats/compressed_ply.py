@@ -57,7 +57,7 @@ def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
     words[2] |= _packed(splats.opacities[:, None], ((0, 8),))
     positions, packed_scales, packed_colors = words
     k = splats.sh_coeffs.shape[1]
-    rest = splats.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, 3 * (k - 1))  # channel-major
+    rest = splats.sh_coeffs[:, 1:].astype(np.float64).transpose(0, 2, 1).reshape(n, 3 * (k - 1))  # channel-major
     sh = np.clip(np.floor((rest / SH_RANGE + 0.5) * 256), 0, 255).astype(np.uint8)
     chunks = np.concatenate(bounds, axis=1)  # [chunks, 18]
     about_rows, rows = trailer.encode(splats)

@@ -60,7 +60,8 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     bits = fraction_bits(splats)
     fixed = _fixed(splats, bits)  # [N, 3]
     positions = fixed.view(np.uint8).reshape(n, 3, 4)[..., :3]
-    dc = shown(splats.sh_coeffs[:, 0]) if drawing.linear else splats.sh_coeffs[:, 0]
+    sh, log_scales = (values.astype(np.float64) for values in (splats.sh_coeffs, splats.log_scales))
+    dc = shown(sh[:, 0]) if drawing.linear else sh[:, 0]
     colors = dc * (COLOR_SCALE * 255) + 127.5
     largest, three = smallest_three(unit_quats(splats))
     magnitudes = np.minimum(MAGNITUDES, np.abs(three) * SQRT2 * MAGNITUDES + 0.5).astype(np.uint32)
@@ -70,9 +71,9 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
         positions,
         _bytes(splats.opacities * 255),
         _bytes(colors),
-        _bytes((splats.log_scales + 10) * 16),
+        _bytes((log_scales + 10) * 16),
         rotations.astype("<u4"),
-        _bytes(splats.sh_coeffs[:, 1:] * 128 + 128),
+        _bytes(sh[:, 1:] * 128 + 128),
     ]
     header = HEADER.pack(MAGIC, VERSION, n, degree, bits, ANTIALIASED if drawing.antialiased else 0, 0)
     said = [*comments_of(Drawing(linear=True, white=drawing.white)), CURVE] if drawing.linear else []

@@ -60,12 +60,13 @@ def write_model(
         else:
             lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
     splats = _held_by(chosen, model.splats, sh_rows)
+    if chosen.in_white and model.drawing.linear and model.drawing.white:
+        with np.errstate(over="ignore"):  # of what is found below
+            splats = brightened(splats, 1 / model.drawing.white)
     if chosen is not PLY:  # whose writer looks at its numbers by itself
         require_finite(path, splats, "nothing was written; remove those primitives")
     if chosen.order:
         splats = splats.select(chosen.order(splats))
-    if chosen.in_white and model.drawing.linear and model.drawing.white:
-        splats = brightened(splats, 1 / model.drawing.white)
     if chosen.turn:
         splats = turned(splats, chosen.turn)
     said = replace(model.drawing, linear=None) if silent else model.drawing

@@ -99,6 +99,14 @@ def test_spz_4_tells_that_it_cannot_say_so(tmp_path):
     assert "SPZ 4 cannot say that its colours are linear and in units of white; write version 3" in lost
 
 
+@pytest.mark.parametrize("suffix", [".compressed.ply", ".spz", ".sog", ".splat"])
+def test_colours_that_are_beyond_all_numbers_in_units_of_white_are_not_written(tmp_path, suffix):
+    bright = brightened(truth(), 1e30)
+    with pytest.raises(DataError, match=f"model{suffix}: has values of sh_coeffs that are not finite"):
+        write_model(tmp_path / f"model{suffix}", Model(bright, Drawing(linear=True, white=1e-20)))
+    assert not [*tmp_path.iterdir()]
+
+
 def test_a_white_by_which_colours_end_beyond_all_numbers_is_refused(tmp_path):
     write_model(tmp_path / "a.compressed.ply", Model(truth(), DRAWING))
     data = (tmp_path / "a.compressed.ply").read_bytes()

@@ -125,6 +125,16 @@ def test_places_farther_apart_than_float32_can_say_are_written(tmp_path, suffix)
     assert np.sort(back)[[0, -1]] == pytest.approx([-farthest, farthest], rel=1e-2)
 
 
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("value", [1e37, float(np.finfo(np.float32).max), -float(np.finfo(np.float32).max)])
+def test_numbers_at_the_end_of_float32_are_written_without_a_warning(tmp_path, suffix, value):
+    model, path = foreign_model.model(), tmp_path / f"model{suffix}"
+    before = model.opacities.copy()
+    model.sh_coeffs[2], model.log_scales[4] = value, value
+    write_model(path, model)
+    assert np.allclose(np.sort(read_model(path).splats.opacities), np.sort(before), atol=1 / 255)
+
+
 def test_not_antialiased_is_told_from_nothing_said(tmp_path):
     model = foreign_model.model()
     for suffix in (".ply", ".sog", ".glb", ".compressed.ply"):
