@@ -29,7 +29,7 @@ class Format:
     order: in which primitives compress best; None: it does not matter. in_white: linear colours are in units of white
     in the file, as its codes are made for 0 to 1. brightest: of colours, in these units, which it can say.
     log_scales: the least and the greatest that it can say. moved: which primitives [N] it puts elsewhere, by more than
-    their size.
+    their size, as it has these ``bits`` for places.
     """
 
     name: str
@@ -49,6 +49,7 @@ class Format:
     brightest: float = math.inf
     log_scales: tuple[float, float] = (-math.inf, math.inf)
     moved: Callable[[Splats], Array] | None = None
+    bits: str = ""
 
 
 def _read_ply(path: Path) -> Model:
@@ -84,6 +85,8 @@ COMPRESSED_PLY = Format(
     order=in_space,
     in_white=True,
     log_scales=(-compressed_ply.MAX_LOG_SCALE, compressed_ply.MAX_LOG_SCALE),
+    moved=compressed_ply.moved,
+    bits=f"10 or 11 bits for a coordinate among {compressed_ply.CHUNK} neighbours",
 )
 SPZ = Format(
     "SPZ",
@@ -96,6 +99,7 @@ SPZ = Format(
     brightest=spz.LINEAR_BRIGHTEST,
     log_scales=spz.LOG_SCALES,
     moved=spz.moved,
+    bits="24 bits for a coordinate",
 )
 SOG = Format(
     "SOG",

@@ -140,7 +140,7 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     if chosen.moved and (n := int(chosen.moved(model.splats).sum())):
         farthest = f"{np.abs(model.splats.means).max():.3g}"
         what = f"moves {counted(n, 'primitive')} by more than their size"
-        lost.append(f"{chosen.name} has 24 bits for a coordinate: with one of {farthest} it {what}")
+        lost.append(f"{chosen.name} has {chosen.bits}: with one of {farthest} it {what}")
     if model.drawing.linear and math.isfinite(chosen.brightest):
         most = chosen.brightest * (model.drawing.white or 1.0)
         if n := int((0.5 + C0 * model.splats.sh_coeffs[:, 0] > most).any(axis=1).sum()):

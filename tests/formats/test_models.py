@@ -115,6 +115,20 @@ def test_a_primitive_far_away_that_leaves_spz_no_room_for_the_others_is_told(tmp
     assert lost == ([said + "their size"] if moved else [])
 
 
+@pytest.mark.parametrize("farthest", [10.0, 1e4])
+def test_primitives_that_compressed_ply_moves_beside_one_far_away_are_told(tmp_path, farthest):
+    model = foreign_model.model()
+    means = model.means.copy()
+    means[0, 0] = farthest
+    fine = replace(model, means=means, log_scales=np.full_like(model.log_scales, -4))
+    lost = write_model(tmp_path / "a.compressed.ply", fine)
+    back = read_model(tmp_path / "a.compressed.ply").splats.means
+    away = np.abs(back[:, None] - means[None]).max(axis=-1).min(axis=0)  # [N] from each to any in the file
+    moved = int((away > np.exp(-4)).sum())
+    said = f"with one of {farthest:.3g} it moves {moved} primitives by more than their size"
+    assert [line.partition(": ")[2] for line in lost] == ([said] if moved else []) and bool(moved) == (farthest > 1e3)
+
+
 @pytest.mark.parametrize("suffix", [".sog", ".spz", ".compressed.ply"])
 def test_places_farther_apart_than_float32_can_say_are_written(tmp_path, suffix):
     model = foreign_model.model()
