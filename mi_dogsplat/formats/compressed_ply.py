@@ -1,9 +1,10 @@
 """Compressed PLY (PlayCanvas): chunks of 256 primitives that share their bounds, four 32-bit words a primitive.
 
-``chunk`` holds 18 floats: bounds of positions, of log scales, and of colours (0.5 + C0 f_dc). ``vertex`` holds what
-lies between them: position and log scale with 11, 10 and 11 bits per axis, the rotation as the smallest three of
-(w, x, y, z) with 10 bits each and the index of the largest in the two upper bits, and colour and opacity with 8 bits
-each. ``sh`` holds a byte per coefficient from -4 to 4, channel-major. Axes and order of bands are those of 3DGS PLY.
+``chunk`` holds 18 floats: bounds of positions, of log scales, and of colours (0.5 + C0 f_dc); 12 in older files, whose
+colours lie between 0 and 1. ``vertex`` holds what lies between them: position and log scale with 11, 10 and 11 bits per
+axis, the rotation as the smallest three of (w, x, y, z) with 10 bits each and the index of the largest in the two upper
+bits, and colour and opacity with 8 bits each. ``sh`` holds a byte per coefficient from -4 to 4, channel-major. Axes and
+order of bands are those of 3DGS PLY.
 Rows of DoG, slopes, curvatures, cuts and shifts are our own and follow the last element (``trailer.py``).
 
 Layout: developer.playcanvas.com (PLY format), github.com/playcanvas/splat-transform (MIT).
@@ -32,6 +33,7 @@ DUST = 0.1  # of the median size
 SH_RANGE = 8.0  # width of the range of a coefficient
 BOUNDED = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")
 COLUMNS = [f"{end}_{name}" for names in BOUNDED for end in ("min", "max") for name in names]
+OF_COLORS = COLUMNS[12:]
 WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 BITS_OF_POSITION = ((21, 11), (11, 10), (0, 11))  # (shift, bits) of x, y, z
 BITS_OF_COLOR = ((24, 8), (16, 8), (8, 8))
@@ -84,12 +86,17 @@ def read(path: Path) -> Model:
         reader.fail("no chunks of packed primitives", "give a compressed PLY")
     if any(vertex.dtype[name].kind not in "iu" for name in WORDS):
         reader.fail("its packed words are no integers", "export it again")
-    if missing := [name for name in COLUMNS if name not in (tables["chunk"].dtype.names or ())]:
+    there = tables["chunk"].dtype.names or ()
+    columns = COLUMNS if set(OF_COLORS) & set(there) else COLUMNS[: -len(OF_COLORS)]
+    if missing := [name for name in columns if name not in there]:
         reader.fail(f'its chunks have no property "{missing[0]}"', "export it again")
-    n = len(vertex)
-    if len(tables["chunk"]) * CHUNK < n or len(tables.get("sh", vertex)) != n:
+    n, n_chunks = len(vertex), len(tables["chunk"])
+    if n_chunks * CHUNK < n or len(tables.get("sh", vertex)) != n:
         reader.fail(f"its chunks or spherical harmonics are too few for {counted(n, 'primitive')}")
-    chunks = reader.columns(tables["chunk"], "chunk", tuple(COLUMNS)).astype(np.float64).reshape(-1, 3, 2, 3)
+    chunks = reader.columns(tables["chunk"], "chunk", tuple(columns)).astype(np.float64)
+    chunks = chunks.reshape(n_chunks, len(columns) // 6, 2, 3)
+    if len(columns) < len(COLUMNS):
+        chunks = np.concatenate([chunks, np.tile([[0.0], [1.0]], (n_chunks, 1, 1, 3))], axis=1)
     bounds = chunks[np.arange(n) // CHUNK]  # [N, what, min or max, axis]
 
     def between(what: int, word: str, layout: tuple) -> Array:
