@@ -18,6 +18,7 @@ import numpy as np
 
 from ..scene.drawing import Drawing, drawing_of_extras
 from ..scene.orientation import UP, placement
+from ..scene.scales import SMALLEST_SCALE
 from ..scene.splats import Array, Splats
 from ..scene.transform import mean_scale, transformed
 from ..support.errors import DAMAGED, DataError
@@ -32,7 +33,6 @@ NAME = "KHR_gaussian_splatting"
 SPZ = ("KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz")
 LINEAR, DISPLAY = "lin_rec709_display", "srgb_rec709_display"
 MAX_DEPTH = 64  # of nodes in nodes
-SMALLEST_SCALE = 1e-30
 SAME = 1e-6  # relative difference of matrices
 
 

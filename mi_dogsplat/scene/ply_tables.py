@@ -97,10 +97,12 @@ class TableReader:
         """What follows the last element, once the tables are read."""
         return self.file.read()
 
-    def columns(self, table: Array, element: str, names: tuple[str, ...], infinity: float = np.inf) -> Array:
+    def columns(
+        self, table: Array, element: str, names: tuple[str, ...], least: float = -np.inf, most: float = np.inf
+    ) -> Array:
         """Columns of a table by name as float32 [count, len(names)], all of them there and finite.
 
-        ``infinity`` is what ±∞ becomes, with its sign, where that is no error.
+        ``least`` is what -∞ becomes, and ``most`` ∞, where that is no error.
         """
         out = np.empty((len(table), len(names)), np.float32)
         present = table.dtype.names or ()
@@ -111,8 +113,8 @@ class TableReader:
                 self.fail(f'element "{element}" has no property "{name}"', remedy)
             with np.errstate(over="ignore", invalid="ignore"):  # doubles beyond float32 become inf: see below
                 out[:, i] = table[name]
-        if infinity < np.inf:
-            np.clip(out, -infinity, infinity, out=out, where=np.isinf(out))
+        if least > -np.inf or most < np.inf:
+            np.clip(out, least, most, out=out, where=np.isinf(out))
         check_finite(self.path, element, names, out, _DAMAGED)
         return out
 
