@@ -31,6 +31,9 @@ from .spz import content_of
 
 NAME = "KHR_gaussian_splatting"
 SPZ = ("KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz")
+KNOWN = (NAME, *SPZ, "KHR_mesh_quantization")
+MOST_NAMES = 3  # of extensions in a line
+WITHOUT = "export it without that"
 LINEAR, DISPLAY = "lin_rec709_display", "srgb_rec709_display"
 MAX_DEPTH = 64  # of nodes in nodes
 SAME = 1e-6  # relative difference of matrices
@@ -55,7 +58,16 @@ def read(path: Path) -> Model:
         raise
     except (struct.error, ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:
         problem = f"is no glTF of Gaussians ({type(error).__name__}: {error})"
+        if needed := _not_known(container.content):
+            raise DataError(path, f"needs {needed}, which is not read, and without it {problem}", WITHOUT) from error
         raise DataError(path, problem, DAMAGED) from error
+
+
+def _not_known(content: Any) -> str:
+    """Names of the extensions without which a file says that it cannot be read, of those that are not read here."""
+    required = content.get("extensionsRequired") if isinstance(content, dict) else None
+    names = [str(name) for name in required if name not in KNOWN] if isinstance(required, list) else []
+    return ", ".join(names[:MOST_NAMES])
 
 
 def _models(container: Container) -> Iterator[tuple[Model, Array]]:

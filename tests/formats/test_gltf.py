@@ -195,3 +195,15 @@ def test_what_does_not_fit_together_is_refused(tmp_path, content, change, words)
     (tmp_path / "b.glb").write_bytes(glb(found, binary))
     with pytest.raises(DataError, match=words):
         read_model(tmp_path / "b.glb")
+
+
+def test_an_extension_that_a_file_cannot_be_read_without_is_named(tmp_path, content):
+    found, binary = content
+    found["buffers"] = [{"byteLength": len(binary)}]
+    found["extensionsRequired"] = ["KHR_mesh_quantization", "EXT_meshopt_compression", "KHR_texture_transform"]
+    (tmp_path / "b.glb").write_bytes(glb(found, binary))
+    assert read_model(tmp_path / "b.glb").splats.n_splats == foreign_model.model().n_splats  # it does well without them
+    del found["accessors"][0]["bufferView"]  # which the extension has elsewhere
+    (tmp_path / "b.glb").write_bytes(glb(found, binary))
+    with pytest.raises(DataError, match="b.glb: needs EXT_meshopt_compression, KHR_texture_transform, which is not "):
+        read_model(tmp_path / "b.glb")
