@@ -136,13 +136,13 @@ def _nodes(content: Any) -> Iterator[tuple[Any, Array]]:
 
 
 def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model:
-    drawing = _drawing(primitive, extension)
+    drawing, left_out = _drawing(primitive, extension), _left_out(extension)
     inner = extension.get("extensions") or {}
     compressed = next((inner[name] for name in SPZ if name in inner), None)
     if compressed is not None:
         model = content_of(container.path, container.view(compressed["bufferView"]))
         splats = turned(turned(model.splats, RUB), LUF)
-        return replace(model, splats=splats, drawing=drawing.over(model.drawing))
+        return Model(splats, drawing.over(model.drawing), (*left_out, *model.left_out))
     given = primitive["attributes"]
     bands = _sh_names(given)
     names = ["POSITION", *(f"{NAME}:{name}" for name in ("SCALE", "ROTATION", "OPACITY")), *bands]
@@ -153,8 +153,6 @@ def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model
     scales = values[f"{NAME}:SCALE"].astype(np.float64)
     if scales.min(initial=1) < 0:
         raise ValueError("a scale is negative")
-    kernel = extension.get("kernel", "ellipse")
-    left_out = () if kernel == "ellipse" else (f"its kernel {printable(str(kernel))[:60]}",)
     splats = Splats(
         means=values["POSITION"],
         log_scales=np.log(np.maximum(scales, SMALLEST_SCALE)),
@@ -163,6 +161,14 @@ def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model
         sh_coeffs=np.stack([values[name] for name in bands], axis=1),
     )
     return Model(splats, drawing, left_out)
+
+
+def _left_out(extension: Any) -> tuple[str, ...]:
+    """A line for a kernel and for a colour space that are not known here: the usual ones are taken."""
+    kernel, space = extension.get("kernel", "ellipse"), extension.get("colorSpace", DISPLAY)
+    lines = [] if kernel == "ellipse" else [f"its kernel {printable(str(kernel))[:60]}"]
+    lines += [] if space in (LINEAR, DISPLAY) else [f"its colour space {printable(str(space))[:60]}"]
+    return tuple(lines)
 
 
 def _sh_names(attributes: Mapping[str, Any]) -> list[str]:

@@ -132,6 +132,14 @@ def test_linear_colours_are_said_in_the_color_space(tmp_path, content):
     assert read_model(tmp_path / "b.glb").left_out == (r"its kernel a\n\x1b[31m",)
 
 
+def test_a_colour_space_that_is_not_known_is_told(tmp_path, content):
+    found, binary = content
+    how = found["meshes"][0]["primitives"][0]["extensions"][NAME]
+    how["colorSpace"] = "lin_rec2020_scene"
+    (tmp_path / "b.glb").write_bytes(glb(found | {"buffers": [{"byteLength": len(binary)}]}, binary))
+    assert read_model(tmp_path / "b.glb").left_out == ("its colour space lin_rec2020_scene",)
+
+
 @pytest.mark.parametrize("kind", [(5121, "<u1"), (5123, "<u2"), (5125, "<u4")])
 def test_of_a_primitive_with_indices_those_rows_are_read(tmp_path, content, kind):
     found, binary = content
