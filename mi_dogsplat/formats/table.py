@@ -53,7 +53,12 @@ class Format:
 
 
 def _read_ply(path: Path) -> Model:
-    splats, comments = read_ply_and_comments(path)
+    return read_any_ply(path, finite=True)
+
+
+def read_any_ply(path: Path, finite: bool = False) -> Model:
+    """The content of a PLY, whose numbers need not be ``finite``. Raises ``DataError``."""
+    splats, comments = read_ply_and_comments(path, finite)
     return Model(splats, drawing_of(comments))
 
 

@@ -65,8 +65,11 @@ def read_ply(path: str | Path) -> Splats:
     return read_ply_and_comments(path)[0]
 
 
-def read_ply_and_comments(path: str | Path) -> tuple[Splats, list[str]]:
-    """Read a model, and the comments of its header. Raises as ``read_ply`` does."""
+def read_ply_and_comments(path: str | Path, finite: bool = True) -> tuple[Splats, list[str]]:
+    """Read a model, and the comments of its header. Raises as ``read_ply`` does.
+
+    ``finite``: its numbers have to be; else they are left as they are.
+    """
     path = Path(path)
     try:
         status = path.stat()
@@ -74,7 +77,7 @@ def read_ply_and_comments(path: str | Path) -> tuple[Splats, list[str]]:
             kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
             raise DataError(path, f"this is {kind}", "give the path of a PLY file")
         with path.open("rb") as file:
-            reader = TableReader(path, file, status.st_size)
+            reader = TableReader(path, file, status.st_size, finite)
             return _read_model(reader), reader.comments
     except OSError as e:
         raise DataError(path, f"cannot be read ({e.strerror})", "check the path and its permissions") from e

@@ -30,6 +30,7 @@ _MAX_HEADER_BYTES = 1 << 20  # real headers have 1-2 kB
 _NAMED = 4  # elements in the words about a file that is too short, so that they stay a line
 
 NOT_3DGS = "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*"
+NOT_FINITE = "take those primitives out with dogsplat clean, or export the model again"
 _DAMAGED = "the file is damaged or incomplete: copy or export it again"
 
 
@@ -53,10 +54,13 @@ class _Element:
 
 
 class TableReader:
-    """Reads the elements of one open file of ``size`` bytes; ``path`` is for its error messages."""
+    """Reads the elements of one open file of ``size`` bytes; ``path`` is for its error messages.
 
-    def __init__(self, path: Path, file: BinaryIO, size: int):
-        self.path, self.file, self.size = path, file, size
+    ``finite``: columns have to be.
+    """
+
+    def __init__(self, path: Path, file: BinaryIO, size: int, finite: bool = True):
+        self.path, self.file, self.size, self.finite = path, file, size, finite
         self.comments: list[str] = []  # of the header, once it is read
         self.codes: dict[str, dict[str, str]] = {}  # NumPy's, of each element's columns, as the header has them
 
@@ -100,7 +104,7 @@ class TableReader:
     def columns(
         self, table: Array, element: str, names: tuple[str, ...], least: float = -np.inf, most: float = np.inf
     ) -> Array:
-        """Columns of a table by name as float32 [count, len(names)], all of them there and finite.
+        """Columns of a table by name as float32 [count, len(names)], all of them there, and finite if they have to be.
 
         ``least`` is what -∞ becomes, and ``most`` ∞, where that is no error.
         """
@@ -115,7 +119,8 @@ class TableReader:
                 out[:, i] = table[name]
         if least > -np.inf or most < np.inf:
             np.clip(out, least, most, out=out, where=np.isinf(out))
-        check_finite(self.path, element, names, out, _DAMAGED)
+        if self.finite:
+            check_finite(self.path, element, names, out, NOT_FINITE if element == "vertex" else _DAMAGED)
         return out
 
     def _header(self) -> tuple[str, list[_Element]]:
