@@ -116,7 +116,8 @@ def require_spz_version(path: Path, chosen: Format, spz_version: int) -> None:
 def what_is_lost(chosen: Format, model: Model) -> list[str]:
     """Lines about what a format has no room for, beside rounding."""
     said, lost = model.drawing.said(), []
-    unsaid = {name: value for name, value in said.items() if name not in chosen.carries}
+    known = chosen.carries | ({"white"} if chosen.in_white else set())  # in units of which its white is 1, as usual
+    unsaid = {name: value for name, value in said.items() if name not in known}
     if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != USUAL[name]]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
     if model.splats.is_cut.any() and not chosen.cuts:

@@ -12,7 +12,7 @@ from mi_dogsplat.scene.drawing import Drawing, drawn_as
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.support.srgb import linear_to_srgb_log
+from mi_dogsplat.support.srgb import displayed, linear_to_srgb_log
 from tiny_data import truth
 
 WHITE = 500.0
@@ -90,6 +90,16 @@ def test_a_linear_spz_file_of_before_holds_radiance_and_others_see_what_a_screen
     shown = linear_to_srgb_log(colours(model.splats) / WHITE)
     np.testing.assert_allclose(colours(read_model(tmp_path / "before.spz").splats) / WHITE, shown, atol=0.01)
     np.testing.assert_allclose(colours(read_model(tmp_path / "other.spz").splats), shown, atol=0.01)
+
+
+def test_what_is_to_be_given_by_hand_shows_a_splat_file_as_bright_as_the_model(tmp_path):
+    """Its colours are in units of white: a white of the model beside them would count twice."""
+    model = Model(brightened(truth(), 4.0), Drawing(linear=True, white=4.0))
+    (told, *_) = write_model(tmp_path / "a.splat", model)
+    assert told == ".splat cannot say how it is drawn: linear True; give it by hand"
+    by_hand = drawn_as(Drawing(linear=True))
+    shown = displayed(colours(read_model(tmp_path / "a.splat").splats), by_hand.white)
+    np.testing.assert_allclose(shown, displayed(colours(model.splats), 4.0), atol=0.03)
 
 
 def test_spz_4_tells_that_it_cannot_say_so(tmp_path):
