@@ -177,6 +177,8 @@ def describe_run(path: Path) -> list[str]:
     """Settings, result and completeness of a run folder."""
     run = read_run(path)
     metrics: dict[str, Any] = run.metrics or {}
+    if not any((path / name).is_file() for name in (CONFIG, HISTORY, MODEL)):
+        return _describe_measurement(path, metrics)
     last = run.history[-1] if run.history else {}
     lines = [f"{path}: training run on {run.config.get('data', 'unknown data')}"]
     planned = finite(run.config.get("steps"))
@@ -199,6 +201,16 @@ def describe_run(path: Path) -> list[str]:
     if run.broken_rows:
         problems.append(f"{HISTORY} has {counted(run.broken_rows, 'line')} of something else than JSON")
     return lines + problem_lines(problems)
+
+
+def _describe_measurement(path: Path, metrics: dict[str, Any]) -> list[str]:
+    """What ``dogsplat eval -o DIR`` leaves: the metrics of a model that is elsewhere, and pictures."""
+    views = metrics.get("views", {})
+    lines = [f"{path}: measurement of a model"]
+    lines += [line("primitives", count(metrics["n"]))] if "n" in metrics else []
+    lines += [line("views", f"{count(len(views))}: {_some(list(views))}")] if views else []
+    lines += [line(name, _quality(metrics[name])) for name in ("test", "train") if metrics.get(name)]
+    return lines + problem_lines([] if views else ["it is not complete: it was interrupted, or is still going on"])
 
 
 def _settings(config: dict[str, Any]) -> list[str]:
