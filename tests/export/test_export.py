@@ -193,6 +193,13 @@ def test_flags_of_pictures_without_any_are_refused(capsys, model, tmp_path):
     assert run(capsys, "export", model, "-o", tmp_path / "page.html", *flags)[0] == 0
 
 
+def test_data_that_nothing_looks_at_are_told(capsys, model, tmp_path):
+    command = ["export", model, "-o", tmp_path / "out.ply", "--views", 0, "--data", tmp_path / "none"]
+    status, printed, _ = run(capsys, *command, "--dog", "keep")
+    assert status == 0 and printed.splitlines()[0].startswith("--data is not looked at")
+    assert_one_line(run(capsys, *command, "--refine", 9), "none", "no such file or folder")
+
+
 def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.glb", "--small"), "--small", "glTF", ".spz")
     wrong = run(capsys, "export", model, "-o", tmp_path / "out.ply", "--spz-version", "4")
