@@ -18,6 +18,7 @@ from ..formats.read import read_model, read_source
 from ..formats.table import SOG, Format, format_to_write
 from ..formats.upright import upright
 from ..formats.write import require_spz_version, write_model
+from ..inspection.unneeded import Unneeded
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL
 from ..scene.drawing import DrawnAs, drawn_as
@@ -94,6 +95,9 @@ def export_model(
     dataset = load_dataset(looked_at, options.shrink) if looked_at else None
     steps = steps_for(dataset) if steps is None else steps
     if steps:
+        if Unneeded.of(plain).invisible.all():
+            problem = "all of its primitives are invisible, so that no step could make up for anything"
+            raise DataError(model, problem, "add --refine 0, or use another model")
         start = time.perf_counter()
         goal = goal_of(read.splats, dataset, steps, options, drawn, drawing.up)
         plain = stages[f"refined, {counted(steps, 'step')}"] = refined(plain, goal, steps, show, grids)

@@ -200,6 +200,15 @@ def test_data_that_nothing_looks_at_are_told(capsys, model, tmp_path):
     assert_one_line(run(capsys, *command, "--refine", 9), "none", "no such file or folder")
 
 
+def test_a_model_that_is_invisible_cannot_be_refined_and_can_be_written(capsys, tmp_path):
+    hidden = tiny_data.truth()
+    hidden.logit_opacities[:] = -20
+    write_ply(tmp_path / "hidden.ply", hidden)
+    command = ["export", tmp_path / "hidden.ply", "-o", tmp_path / "out.sog", "--small", "--views", 0]
+    assert_one_line(run(capsys, *command), "hidden.ply", "invisible", "--refine 0")
+    assert run(capsys, *command, "--refine", 0)[0] == 0
+
+
 def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.glb", "--small"), "--small", "glTF", ".spz")
     wrong = run(capsys, "export", model, "-o", tmp_path / "out.ply", "--spz-version", "4")
