@@ -12,6 +12,7 @@ import numpy as np
 from ..scene.drawing import USUAL, value_of
 from ..scene.kinds import varying
 from ..scene.radiance import brightened
+from ..scene.row_groups import SH
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..scene.whole import whole
@@ -26,6 +27,7 @@ from .spz_container import rewrapped, zstandard_for
 from .table import PLY, SPZ, Format, format_to_write
 
 SPZ_VERSIONS = (3, 4)  # that are written
+SH_ROUNDING = 1 / 128  # by which a coefficient is out of range: the step of SPZ, less is rounding
 CLAMPED = 1 / 32  # by which a log scale is out of range: half a step of SPZ, less is rounding
 
 
@@ -142,8 +144,23 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
         farthest = f"{np.abs(model.splats.means).max():.3g}"
         what = f"moves {counted(n, 'primitive')} by more than their size"
         lost.append(f"{chosen.name} has {chosen.bits}: with one of {farthest} it {what}")
+    unit = (model.drawing.white or 1.0) if chosen.in_white and model.drawing.linear else 1.0
+    if n := _beyond(model.splats, chosen.largest_sh * unit * (1 + SH_ROUNDING)):
+        most = f"±{chosen.largest_sh * unit:.4g}"
+        lost.append(f"{chosen.name} has no SH coefficients beyond {most}, to which it clamps {counted(n, 'primitive')}")
     if model.drawing.linear and math.isfinite(chosen.brightest):
         most = chosen.brightest * (model.drawing.white or 1.0)
         if n := int((0.5 + C0 * model.splats.sh_coeffs[:, 0] > most).any(axis=1).sum()):
             lost.append(f"{chosen.name} has no radiance above {most:.4g}, to which it clamps {counted(n, 'primitive')}")
     return lost
+
+
+def _beyond(splats: Splats, most: float) -> int:
+    """How many primitives have a larger coefficient of view-dependent colour, of either sign."""
+    if math.isinf(most):
+        return 0
+    found = np.any(np.abs(splats.sh_coeffs[:, 1:]) > most, axis=(1, 2))
+    for group in SH.values():
+        (name,) = group.names
+        found[getattr(splats, group.index)] |= np.any(np.abs(getattr(splats, name)) > most, axis=(1, 2))
+    return int(found.sum())

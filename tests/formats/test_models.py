@@ -115,6 +115,19 @@ def test_a_primitive_far_away_that_leaves_spz_no_room_for_the_others_is_told(tmp
     assert lost == ([said + "their size"] if moved else [])
 
 
+@pytest.mark.parametrize(("suffix", "most"), [(".spz", 1), (".compressed.ply", 4), (".sog", None), (".glb", None)])
+@pytest.mark.parametrize("white", [None, 2.0])
+def test_sh_coefficients_that_a_format_cannot_say_are_told(tmp_path, suffix, most, white):
+    model, unit = foreign_model.model(), white or 1.0
+    model.sh_coeffs[:, 1:] = 0
+    model.sh_coeffs[:3, 2, 1] = unit, -unit, -5 * unit
+    lost = write_model(tmp_path / f"a{suffix}", Model(model, Drawing(linear=bool(white), white=white)))
+    said = [f"no SH coefficients beyond ±{most * unit:.4g}, to which it clamps 1 primitive"] if most else []
+    assert [line.partition(" has ")[2] for line in lost] == said
+    back = read_model(tmp_path / f"a{suffix}").splats.sh_coeffs[:, 2, 1]
+    assert np.abs(back).max() == pytest.approx((most or 5) * unit, rel=0.01)
+
+
 @pytest.mark.parametrize("farthest", [10.0, 1e4])
 def test_primitives_that_compressed_ply_moves_beside_one_far_away_are_told(tmp_path, farthest):
     model = foreign_model.model()
