@@ -12,7 +12,7 @@ from ..datasets import Dataset, View, load_dataset
 from ..datasets.masks import Masks
 from ..datasets.world_config import WorldConfig
 from ..formats.model import Model
-from ..formats.read import read_source
+from ..formats.read import read_source, require_writable
 from ..formats.table import PLY, format_to_write
 from ..formats.upright import upright
 from ..formats.write import write_model
@@ -22,6 +22,7 @@ from ..render.picture import background_color, photograph, picture_of, seen_as
 from ..render.picture_options import PictureOptions
 from ..render.viewpoint import viewpoint
 from ..scene.drawing import DrawnAs, drawn_as
+from ..scene.finite import finite_primitives
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError
 from ..support.pictures import write_png
@@ -76,15 +77,21 @@ def clean_model(
         raise DataError(config.needs_data, "needs the views of a training", "add --data DATA")
     if preview and Path(preview).suffix.lower() != ".png":
         raise DataError(preview, "no known picture format", "name a file that ends in .png")
+    options.require_use(images=bool(data or preview), pictures=bool(data or preview))
     if format_to_write(out) is not PLY and config.mixed_sh:
         raise DataError("--mixed-sh", "only PLY has SH degrees of single primitives", "name a file that ends in .ply")
-    read = read_source(model, out, "clean")
-    splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
+    read = read_source(model, out, "clean", finite=False)
+    if preview:
+        require_writable(Path(preview))  # before the model is written
+    finite = finite_primitives(read.splats)
+    splats, drawn = read.splats.select(finite), drawn_as(options.drawing, read.drawing)
+    if not splats.n_splats:
+        raise DataError(model, "no primitive has numbers that are all finite", "use another model")
     options.require_for(drawn.linear)
     drawing = world.over(options.drawing.over(read.drawing), data)
     dataset = load_dataset(data, options.shrink) if data else None
     views = dataset.train if dataset else []
-    wanted, taken_out = np.ones(splats.n_splats, bool), []
+    wanted, taken_out = np.ones(splats.n_splats, bool), [("not finite", int((~finite).sum()))]
     masks = Masks(config.masks, views) if config.masks else None
     for reason, keep in rules(splats, config, views, masks, drawn):
         taken_out.append((reason, int((wanted & ~keep).sum())))
@@ -105,9 +112,10 @@ def clean_model(
     left_out += write_model(out, upright(written)[0] if world.upright else written, sh_rows=True)
     quality = _quality(dataset, splats, after, options.background, drawn, masks) if dataset else None
     if preview:
-        write_preview(Path(preview), replace(read, drawing=drawing), after, data, options)
+        write_preview(Path(preview), replace(read, splats=splats, drawing=drawing), after, data, options)
     found = [(reason, number) for reason, number in taken_out if number]
-    return Cleaned(splats.n_splats, after.n_splats, found, unneeded.described(kept, config.mixed_sh), quality, left_out)
+    idle = unneeded.described(kept, config.mixed_sh)
+    return Cleaned(read.splats.n_splats, after.n_splats, found, idle, quality, left_out)
 
 
 def rules(

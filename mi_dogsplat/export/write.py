@@ -15,12 +15,15 @@ from ..datasets.world_config import WorldConfig
 from ..film.subject import read_subject
 from ..formats.model import Model
 from ..formats.read import read_model, read_source
-from ..formats.table import SOG, format_to_write
+from ..formats.table import SOG, Format, format_to_write
 from ..formats.upright import upright
 from ..formats.write import require_spz_version, write_model
+from ..inspection.unneeded import Unneeded
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL
-from ..scene.drawing import drawn_as
+from ..scene.drawing import DrawnAs, drawn_as
+from ..scene.radiance import from_units_of_white
+from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..support.errors import DataError
 from ..support.variants import require_arrays
@@ -85,9 +88,16 @@ def export_model(
     if steps != 0 or config.views:
         require_arrays()
     grids = SMALL_GRIDS[chosen.name] if config.small else None
-    dataset = load_dataset(data, options.shrink) if data and (steps != 0 or config.views) else None
+    looked_at = data if steps != 0 or config.views else None
+    options.require_use(images=bool(looked_at), pictures=bool(page or config.views or looked_at))
+    if data and not (looked_at or page or world.scale):
+        left_out.append("--data is not looked at: nothing is refined, and --views 0 measures nothing")
+    dataset = load_dataset(looked_at, options.shrink) if looked_at else None
     steps = steps_for(dataset) if steps is None else steps
     if steps:
+        if Unneeded.of(plain).invisible.all():
+            problem = "all of its primitives are invisible, so that no step could make up for anything"
+            raise DataError(model, problem, "add --refine 0, or use another model")
         start = time.perf_counter()
         goal = goal_of(read.splats, dataset, steps, options, drawn, drawing.up)
         plain = stages[f"refined, {counted(steps, 'step')}"] = refined(plain, goal, steps, show, grids)
@@ -103,9 +113,15 @@ def export_model(
     if not config.views:
         return Exported(plain.n_splats, 0, [], left_out, seconds)
     seen = views_of(stages[AS_IT_IS], dataset, config.views, options, drawn, drawing.up)
-    again = (read_page(out) if page else read_model(out)).splats
+    again = _in_units_of(drawn, read_page(out) if page else read_model(out), chosen)
     stages["read from the file"] = transformed(again, np.linalg.inv(matrix))
     return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out, seconds)
+
+
+def _in_units_of(drawn: DrawnAs, again: Model, chosen: Format) -> Splats:
+    """Primitives as they were read, in the units of the model: a file may be in those of white and not say so."""
+    unsaid = chosen.in_white and not (again.drawing.linear and again.drawing.white)
+    return from_units_of_white(again.splats, drawn) if unsaid else again.splats
 
 
 def _write_page(

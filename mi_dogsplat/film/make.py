@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,7 @@ from .subject import Subject, read_subject
 from .video import SUFFIX, require_even, write_video
 
 MOST_FRAMES = 1_000_000
+SLASHES = tuple(slash for slash in (os.sep, os.altsep) if slash)
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ def make_film(
 
     Args:
         model: a model file, or a run folder, which knows its data and how it was trained.
-        out: a video ``.mp4``; or pictures: a folder, or a name with a number such as ``frames/%04d.exr``.
+        out: a video ``.mp4``; or pictures: a folder, or a name with a number such as ``frames/%04d.exr``. What ends in
+            a slash is a folder, even where its name has a point.
         data: the data set whose cameras the path follows or stands on.
         config: the path, and how its pictures become a film.
         options: how the model is drawn; what they do not say, the run or the file of the model does.
@@ -62,8 +65,9 @@ def make_film(
     ones stay, and the same call goes on after them. Raises ``DataError``; ``Stopped`` when asked to stop.
     """
     require_arrays()
+    in_folder = str(out).endswith(SLASHES)  # which a path forgets
     model, out = Path(model), Path(out)
-    pictures = None if out.suffix.lower() == SUFFIX else NumberedPictures(out)
+    pictures = None if out.suffix.lower() == SUFFIX and not in_folder else NumberedPictures(out, in_folder)
     if out.is_dir() and pictures is None:
         raise DataError(out, "is a folder", "name a file in it")
     if pictures is not None and config.says("crf"):

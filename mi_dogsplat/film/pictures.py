@@ -27,14 +27,17 @@ NUMBER = re.compile(r"%(0\d)?d")
 
 
 class NumberedPictures:
-    """The pictures of ``out``: a folder, or a name in one such as ``%04d.exr``. Raises ``DataError``."""
+    """The pictures of ``out``: a folder, or a name in one such as ``%04d.exr``. Raises ``DataError``.
 
-    def __init__(self, out: Path):
-        named = out.suffix != "" and not out.is_dir()  # names of folders may have points
+    ``in_folder``: it is a folder whatever its name, there already or not.
+    """
+
+    def __init__(self, out: Path, in_folder: bool = False):
+        named = out.suffix != "" and not in_folder and not out.is_dir()  # names of folders may have points
         self.folder, self._pattern = (out.parent, out.name) if named else (out, DEFAULT_NAME)
         suffix = Path(self._pattern).suffix.lower()
         if suffix not in SUFFIXES or self._pattern.count("%") != 1 or not NUMBER.search(self._pattern):
-            remedy = "name a video .mp4, a folder, or pictures with a number as frames/%04d.png or frames/%04d.exr"
+            remedy = "name a video .mp4, a folder/, or pictures with a number as frames/%04d.png or frames/%04d.exr"
             raise DataError(out, "is no film", remedy)
         if self.folder.exists() and not self.folder.is_dir():
             raise DataError(self.folder, "is a file", "name a folder for the pictures")

@@ -1,9 +1,10 @@
 """Compressed PLY (PlayCanvas): chunks of 256 primitives that share their bounds, four 32-bit words a primitive.
 
-``chunk`` holds 18 floats: bounds of positions, of log scales, and of colours (0.5 + C0 f_dc). ``vertex`` holds what
-lies between them: position and log scale with 11, 10 and 11 bits per axis, the rotation as the smallest three of
-(w, x, y, z) with 10 bits each and the index of the largest in the two upper bits, and colour and opacity with 8 bits
-each. ``sh`` holds a byte per coefficient from -4 to 4, channel-major. Axes and order of bands are those of 3DGS PLY.
+``chunk`` holds 18 floats: bounds of positions, of log scales, and of colours (0.5 + C0 f_dc); 12 in older files, whose
+colours lie between 0 and 1. ``vertex`` holds what lies between them: position and log scale with 11, 10 and 11 bits per
+axis, the rotation as the smallest three of (w, x, y, z) with 10 bits each and the index of the largest in the two upper
+bits, and colour and opacity with 8 bits each. ``sh`` holds a byte per coefficient from -4 to 4, channel-major. Axes and
+order of bands are those of 3DGS PLY.
 Rows of DoG, slopes, curvatures, cuts and shifts are our own and follow the last element (``trailer.py``).
 
 Layout: developer.playcanvas.com (PLY format), github.com/playcanvas/splat-transform (MIT).
@@ -24,13 +25,15 @@ from ..scene.splats import Array, Splats
 from ..support.wording import counted
 from . import trailer
 from .model import Model
-from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
+from .packing import SQRT2, from_smallest_three, in_space, logits, smallest_three, unit_quats
 
 CHUNK = 256
 MAX_LOG_SCALE = 20
+DUST = 0.1  # of the median size
 SH_RANGE = 8.0  # width of the range of a coefficient
 BOUNDED = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")
 COLUMNS = [f"{end}_{name}" for names in BOUNDED for end in ("min", "max") for name in names]
+OF_COLORS = COLUMNS[12:]
 WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 BITS_OF_POSITION = ((21, 11), (11, 10), (0, 11))  # (shift, bits) of x, y, z
 BITS_OF_COLOR = ((24, 8), (16, 8), (8, 8))
@@ -57,7 +60,7 @@ def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
     words[2] |= _packed(splats.opacities[:, None], ((0, 8),))
     positions, packed_scales, packed_colors = words
     k = splats.sh_coeffs.shape[1]
-    rest = splats.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, 3 * (k - 1))  # channel-major
+    rest = splats.sh_coeffs[:, 1:].astype(np.float64).transpose(0, 2, 1).reshape(n, 3 * (k - 1))  # channel-major
     sh = np.clip(np.floor((rest / SH_RANGE + 0.5) * 256), 0, 255).astype(np.uint8)
     chunks = np.concatenate(bounds, axis=1)  # [chunks, 18]
     about_rows, rows = trailer.encode(splats)
@@ -83,12 +86,17 @@ def read(path: Path) -> Model:
         reader.fail("no chunks of packed primitives", "give a compressed PLY")
     if any(vertex.dtype[name].kind not in "iu" for name in WORDS):
         reader.fail("its packed words are no integers", "export it again")
-    if missing := [name for name in COLUMNS if name not in (tables["chunk"].dtype.names or ())]:
+    there = tables["chunk"].dtype.names or ()
+    columns = COLUMNS if set(OF_COLORS) & set(there) else COLUMNS[: -len(OF_COLORS)]
+    if missing := [name for name in columns if name not in there]:
         reader.fail(f'its chunks have no property "{missing[0]}"', "export it again")
-    n = len(vertex)
-    if len(tables["chunk"]) * CHUNK < n or len(tables.get("sh", vertex)) != n:
+    n, n_chunks = len(vertex), len(tables["chunk"])
+    if n_chunks * CHUNK < n or len(tables.get("sh", vertex)) != n:
         reader.fail(f"its chunks or spherical harmonics are too few for {counted(n, 'primitive')}")
-    chunks = reader.columns(tables["chunk"], "chunk", tuple(COLUMNS)).astype(np.float64).reshape(-1, 3, 2, 3)
+    chunks = reader.columns(tables["chunk"], "chunk", tuple(columns)).astype(np.float64)
+    chunks = chunks.reshape(n_chunks, len(columns) // 6, 2, 3)
+    if len(columns) < len(COLUMNS):
+        chunks = np.concatenate([chunks, np.tile([[0.0], [1.0]], (n_chunks, 1, 1, 3))], axis=1)
     bounds = chunks[np.arange(n) // CHUNK]  # [N, what, min or max, axis]
 
     def between(what: int, word: str, layout: tuple) -> Array:
@@ -115,6 +123,24 @@ def read(path: Path) -> Model:
         **trailer.decode(reader, rows, n),
     )
     return Model(splats, drawing_of(reader.comments))
+
+
+def moved(splats: Splats) -> Array:
+    """[N] whether a primitive leaves its place by more than its size, beside one far away that shares its bounds.
+
+    In the order of ``in_space``, in which it is written. Of dust it is a part of the usual size: nobody sees it move.
+    """
+    found = np.zeros(splats.n_splats, bool)
+    if not splats.n_splats or not np.isfinite(splats.means).all():
+        return found
+    order, sizes = in_space(splats), splats.scales.max(axis=1)
+    means, chunk = splats.means[order].astype(np.float64), np.arange(splats.n_splats) // CHUNK
+    low, high = (end.astype(np.float64)[chunk] for end in _bounds(means))
+    steps = np.array([2**bits - 1 for _, bits in BITS_OF_POSITION])
+    extent = np.where(high > low, high - low, 1)
+    away = np.abs(low + np.round((means - low) / extent * steps) / steps * extent - means).max(axis=1)
+    found[order] = away > np.maximum(sizes, DUST * np.median(sizes))[order]
+    return found
 
 
 def _bounds(values: Array) -> tuple[Array, Array]:

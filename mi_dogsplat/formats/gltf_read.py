@@ -18,6 +18,7 @@ import numpy as np
 
 from ..scene.drawing import Drawing, drawing_of_extras
 from ..scene.orientation import UP, placement
+from ..scene.scales import SMALLEST_SCALE
 from ..scene.splats import Array, Splats
 from ..scene.transform import mean_scale, transformed
 from ..support.errors import DAMAGED, DataError
@@ -30,9 +31,11 @@ from .spz import content_of
 
 NAME = "KHR_gaussian_splatting"
 SPZ = ("KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz")
+KNOWN = (NAME, *SPZ, "KHR_mesh_quantization")
+MOST_NAMES = 3  # of extensions in a line
+WITHOUT = "export it without that"
 LINEAR, DISPLAY = "lin_rec709_display", "srgb_rec709_display"
 MAX_DEPTH = 64  # of nodes in nodes
-SMALLEST_SCALE = 1e-30
 SAME = 1e-6  # relative difference of matrices
 
 
@@ -55,7 +58,16 @@ def read(path: Path) -> Model:
         raise
     except (struct.error, ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:
         problem = f"is no glTF of Gaussians ({type(error).__name__}: {error})"
+        if needed := _not_known(container.content):
+            raise DataError(path, f"needs {needed}, which is not read, and without it {problem}", WITHOUT) from error
         raise DataError(path, problem, DAMAGED) from error
+
+
+def _not_known(content: Any) -> str:
+    """Names of the extensions without which a file says that it cannot be read, of those that are not read here."""
+    required = content.get("extensionsRequired") if isinstance(content, dict) else None
+    names = [str(name) for name in required if name not in KNOWN] if isinstance(required, list) else []
+    return ", ".join(names[:MOST_NAMES])
 
 
 def _models(container: Container) -> Iterator[tuple[Model, Array]]:
@@ -124,13 +136,13 @@ def _nodes(content: Any) -> Iterator[tuple[Any, Array]]:
 
 
 def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model:
-    drawing = _drawing(primitive, extension)
+    drawing, left_out = _drawing(primitive, extension), _left_out(extension)
     inner = extension.get("extensions") or {}
     compressed = next((inner[name] for name in SPZ if name in inner), None)
     if compressed is not None:
         model = content_of(container.path, container.view(compressed["bufferView"]))
         splats = turned(turned(model.splats, RUB), LUF)
-        return replace(model, splats=splats, drawing=drawing.over(model.drawing))
+        return Model(splats, drawing.over(model.drawing), (*left_out, *model.left_out))
     given = primitive["attributes"]
     bands = _sh_names(given)
     names = ["POSITION", *(f"{NAME}:{name}" for name in ("SCALE", "ROTATION", "OPACITY")), *bands]
@@ -141,8 +153,6 @@ def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model
     scales = values[f"{NAME}:SCALE"].astype(np.float64)
     if scales.min(initial=1) < 0:
         raise ValueError("a scale is negative")
-    kernel = extension.get("kernel", "ellipse")
-    left_out = () if kernel == "ellipse" else (f"its kernel {printable(str(kernel))[:60]}",)
     splats = Splats(
         means=values["POSITION"],
         log_scales=np.log(np.maximum(scales, SMALLEST_SCALE)),
@@ -151,6 +161,14 @@ def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model
         sh_coeffs=np.stack([values[name] for name in bands], axis=1),
     )
     return Model(splats, drawing, left_out)
+
+
+def _left_out(extension: Any) -> tuple[str, ...]:
+    """A line for a kernel and for a colour space that are not known here: the usual ones are taken."""
+    kernel, space = extension.get("kernel", "ellipse"), extension.get("colorSpace", DISPLAY)
+    lines = [] if kernel == "ellipse" else [f"its kernel {printable(str(kernel))[:60]}"]
+    lines += [] if space in (LINEAR, DISPLAY) else [f"its colour space {printable(str(space))[:60]}"]
+    return tuple(lines)
 
 
 def _sh_names(attributes: Mapping[str, Any]) -> list[str]:

@@ -40,7 +40,7 @@ def codebook(values: Array) -> Array:
 
 def nearest(table: Array, values: Array) -> Array:
     """Index of the entry of an increasing ``table`` nearest to each value; shape of ``values``."""
-    return np.searchsorted((table[1:] + table[:-1]) / 2, values)
+    return np.searchsorted(table[1:] / 2 + table[:-1] / 2, values)  # a sum may be more than float32 can say
 
 
 def palette(vectors: Array, size: int, weights: Array | None = None) -> tuple[Array, Array]:

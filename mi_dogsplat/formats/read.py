@@ -10,21 +10,24 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
+from ..scene.ply_tables import NOT_FINITE
 from ..scene.radiance import brightened
-from ..support.errors import DAMAGED, DataError, writing
+from ..support.errors import DataError, writing
 from ..support.files import parse_json
 from . import gltf_container, sog_read, spz_container
 from .model import Model, require_finite
 from .packing import turned
-from .table import COMPRESSED_PLY, FORMATS, GLB, GLTF, PLY, SOG, SPLAT, SPZ, Format
+from .table import COMPRESSED_PLY, FORMATS, GLB, GLTF, PLY, SOG, SPLAT, SPZ, Format, read_any_ply
 
 HEAD = 1 << 16  # bytes that are looked at first: comments of a PLY may be long
 ZIP, DEFLATED = b"PK\x03\x04", spz_container.GZIP + b"\x08"  # the only method that gzip has
 MODEL_NAMES = f"a model ({' '.join(FORMATS)}, or the {sog_read.META} of SOG)"
 
 
-def read_model(path: str | Path) -> Model:
+def read_model(path: str | Path, finite: bool = True) -> Model:
     """Read a model of any format in ``FORMATS``, in the axes of 3DGS PLY, and how it is to be drawn.
+
+    ``finite``: its numbers have to be; else those that are not are left as they are.
 
     Raises ``DataError`` for whatever is no model; memory stays in proportion to the file.
     """
@@ -32,12 +35,13 @@ def read_model(path: str | Path) -> Model:
     try:
         chosen = format_of(path)
         with np.errstate(all="ignore"):  # what is not finite is found below
-            model = chosen.read(path)
+            model = chosen.read(path) if finite or chosen is not PLY else read_any_ply(path)
             if chosen.in_white and model.drawing.linear and model.drawing.white:
                 model = replace(model, splats=brightened(model.splats, model.drawing.white))
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
-    require_finite(path, model.splats, DAMAGED)
+    if finite:
+        require_finite(path, model.splats, NOT_FINITE)
     return model if chosen.turn is None else replace(model, splats=turned(model.splats, chosen.turn))
 
 
@@ -52,25 +56,28 @@ def size_of(path: Path) -> int:
     return sum(file.stat().st_size for file in (path, *beside) if file.is_file())
 
 
-def read_source(path: Path, out: Path, verb: str) -> Model:
+def read_source(path: Path, out: Path, verb: str, finite: bool = True) -> Model:
     """Read the model that ``out`` is to be made of: it is another file, has primitives, and ``out`` can be written.
 
     Args:
         verb: what is to be done with it, for the remedy.
+        finite: as in ``read_model``.
 
     Raises ``DataError``.
     """
-    model = read_model(path)
+    model = read_model(path, finite)
     if out.exists() and out.samefile(path):
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     if model.splats.n_splats == 0:
         raise DataError(path, "the model is empty", f"{verb} one that has primitives")
-    _require_writable(out)
+    require_writable(out)
     return model
 
 
-def _require_writable(out: Path) -> None:
+def require_writable(out: Path) -> None:
     """Raise ``DataError`` where a file cannot be made: said before what takes long."""
+    if out.is_dir():
+        raise DataError(out, "is a folder", "name a file in it")
     if not out.parent.is_dir():
         raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
     with writing(out), TemporaryFile(dir=out.parent):

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..scene.quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ
+from ..scene.scales import SMALLEST_SCALE
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DAMAGED, DataError
@@ -23,7 +24,6 @@ from .packing import finite_scales, logits, unit_quats
 
 ROW = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
 MIDDLE = 128  # of a quaternion's component
-SMALLEST_SCALE = 1e-30
 
 
 def encode(splats: Splats) -> bytes:

@@ -1,4 +1,4 @@
-"""SPZ (Niantic), version 3: a gzip stream of quantised attributes, one after the other, in RUB axes; 2 and 4 are read.
+"""SPZ (Niantic), version 3: a gzip stream of quantised attributes, one after another, in RUB axes; 1 to 4 are read.
 
 ====================  =====================================================================================
 positions             24-bit fixed point, little-endian; the header tells how many bits are the fraction
@@ -15,7 +15,7 @@ at ``LINEAR_BRIGHTEST``. The comment says that too; without it, as in files of b
 
 The reference encoder rounds SH further, to 5 and 4 bits, which compresses better but costs a compact model 1.5 dB
 (docs/export.md): not done here. Version 3 is what readers have in common: 4 came later (``spz_container.py``), 2 has
-coarser rotations, x, y and z of 8 bits each.
+coarser rotations, x, y and z of 8 bits each, and so has 1, whose positions are 16-bit floats.
 
 Specification: the README of github.com/nianticlabs/spz (MIT). Own code: what was looked at, see
 docs/export.md.
@@ -60,7 +60,8 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     bits = fraction_bits(splats)
     fixed = _fixed(splats, bits)  # [N, 3]
     positions = fixed.view(np.uint8).reshape(n, 3, 4)[..., :3]
-    dc = shown(splats.sh_coeffs[:, 0]) if drawing.linear else splats.sh_coeffs[:, 0]
+    sh, log_scales = (values.astype(np.float64) for values in (splats.sh_coeffs, splats.log_scales))
+    dc = shown(sh[:, 0]) if drawing.linear else sh[:, 0]
     colors = dc * (COLOR_SCALE * 255) + 127.5
     largest, three = smallest_three(unit_quats(splats))
     magnitudes = np.minimum(MAGNITUDES, np.abs(three) * SQRT2 * MAGNITUDES + 0.5).astype(np.uint32)
@@ -70,9 +71,9 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
         positions,
         _bytes(splats.opacities * 255),
         _bytes(colors),
-        _bytes((splats.log_scales + 10) * 16),
+        _bytes((log_scales + 10) * 16),
         rotations.astype("<u4"),
-        _bytes(splats.sh_coeffs[:, 1:] * 128 + 128),
+        _bytes(sh[:, 1:] * 128 + 128),
     ]
     header = HEADER.pack(MAGIC, VERSION, n, degree, bits, ANTIALIASED if drawing.antialiased else 0, 0)
     said = [*comments_of(Drawing(linear=True, white=drawing.white)), CURVE] if drawing.linear else []
@@ -80,7 +81,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
 
 
 def read(path: Path) -> Model:
-    """The content of a file of version 2, 3 or 4, in RUB axes. Raises ``DataError``."""
+    """The content of a file of version 1 to 4, in RUB axes. Raises ``DataError``."""
     return content_of(path, path.read_bytes())
 
 
@@ -90,12 +91,10 @@ def content_of(path: Path, data: bytes) -> Model:
     n = payload.n
     raw = {name: np.frombuffer(part, np.uint8).reshape(n, -1) for name, part in payload.attributes.items() if part}
     empty = np.zeros((n, 0), np.uint8)
-    fixed = np.zeros((n, 3, 4), np.uint8)
-    fixed[..., 1:] = raw.get("positions", empty).reshape(n, 3, 3)
     sh = raw.get("sh", empty).reshape(n, (payload.degree + 1) ** 2 - 1, 3)[:, : MAX_SH_SIZE - 1]
     dc = (raw.get("colors", empty).reshape(n, 1, 3) / 255 - 0.5) / COLOR_SCALE
     splats = Splats(
-        means=(fixed.view("<i4")[..., 0] >> 8) / 2.0**payload.fraction_bits,  # the shift spreads the sign
+        means=_positions(payload),
         log_scales=raw.get("scales", empty).reshape(n, 3) / 16 - 10,
         quats=_rotations(payload),
         logit_opacities=logits(raw.get("opacities", empty).reshape(n) / 255),
@@ -119,10 +118,20 @@ def radiance(dc: Array) -> Array:
     return (srgb_log_to_linear(np.where(curved > 1, 1 + (curved - 1) / FLATTER, curved)) - 0.5) / C0
 
 
+def _positions(payload: Payload) -> Array:
+    """[N, 3]; version 1 has 16-bit floats."""
+    raw = payload.attributes["positions"]
+    if payload.version == 1:
+        return np.frombuffer(raw, "<f2").reshape(-1, 3)
+    fixed = np.zeros((payload.n, 3, 4), np.uint8)
+    fixed[..., 1:] = np.frombuffer(raw, np.uint8).reshape(-1, 3, 3)
+    return (fixed.view("<i4")[..., 0] >> 8) / 2.0**payload.fraction_bits  # the shift spreads the sign
+
+
 def _rotations(payload: Payload) -> Array:
-    """Unit quaternions [N, 4]; version 2 has x, y and z of those with w >= 0, 8 bits each."""
+    """Unit quaternions [N, 4]; versions 1 and 2 have x, y and z of those with w >= 0, 8 bits each."""
     raw = payload.attributes["rotations"]
-    if payload.version == 2:
+    if payload.version < 3:
         xyz = np.frombuffer(raw, np.uint8).reshape(-1, 3) / 127.5 - 1
         return np.concatenate([xyz, np.sqrt(np.maximum(0, 1 - (xyz**2).sum(axis=1, keepdims=True)))], axis=1)
     packed = np.frombuffer(raw, "<u4")[:, None]  # [N, 1]

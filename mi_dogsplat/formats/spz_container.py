@@ -45,11 +45,12 @@ class Payload:
 
 def attribute_sizes(version: int, degree: int) -> dict[str, int]:
     """Bytes of each attribute, for a primitive."""
-    return dict(zip(ATTRIBUTES, (9, 1, 3, 3, 3 if version == 2 else 4, 3 * ((degree + 1) ** 2 - 1)), strict=True))
+    positions, rotations = 6 if version == 1 else 9, 3 if version < 3 else 4
+    return dict(zip(ATTRIBUTES, (positions, 1, 3, 3, rotations, 3 * ((degree + 1) ** 2 - 1)), strict=True))
 
 
 def unwrapped(path: Path, data: bytes) -> Payload:
-    """The payload of a file of version 2, 3 or 4. Raises ``DataError``."""
+    """The payload of a file of version 1 to 4. Raises ``DataError``."""
     if data[:4] == NGSP:
         return _streams(path, data)
     if data[:2] != GZIP:
@@ -58,7 +59,7 @@ def unwrapped(path: Path, data: bytes) -> Payload:
         inflate = zlib.decompressobj(16 + zlib.MAX_WBITS)
         head = inflate.decompress(data, HEADER.size)
         magic, version, n, degree, bits, flags, _ = HEADER.unpack(head)
-        _check(path, magic, version, degree, (2, 3))
+        _check(path, magic, version, degree, (1, 2, 3))
         sizes = attribute_sizes(version, degree)
         need = n * sum(sizes.values())
         require_proportion(path, need, len(data))
@@ -157,9 +158,9 @@ def _check(path: Path, magic: int, version: int, degree: int, versions: tuple[in
     if magic != MAGIC:
         raise DataError(path, "is no SPZ file: its header does not begin with NGSP", DAMAGED)
     if version not in versions:
-        in_gzip = "pack it with gzip, which versions 2 and 3 are in"  # a browser may have unpacked it
-        remedies = {2: in_gzip, 3: in_gzip, 4: "unpack it: versions 2 and 3 alone are in gzip"}
-        remedy = remedies.get(version, "convert it to version 2, 3 or 4")
+        in_gzip = "pack it with gzip, which versions 1 to 3 are in"  # a browser may have unpacked it
+        remedies = dict.fromkeys((1, 2, 3), in_gzip) | {4: "unpack it: versions 1 to 3 alone are in gzip"}
+        remedy = remedies.get(version, "convert it to a version from 1 to 4")
         raise DataError(path, f"is SPZ of version {version}", remedy)
     if degree > MAX_DEGREE:
         raise DataError(path, f"has spherical harmonics of degree {degree}, there are 0 to {MAX_DEGREE}", DAMAGED)

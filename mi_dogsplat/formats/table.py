@@ -28,8 +28,9 @@ class Format:
     single ones. empty: it may hold no primitive at all. sh_degree: the highest that it holds.
     order: in which primitives compress best; None: it does not matter. in_white: linear colours are in units of white
     in the file, as its codes are made for 0 to 1. brightest: of colours, in these units, which it can say.
+    largest_sh: of coefficients of view-dependent colour, of either sign, in the units of the file.
     log_scales: the least and the greatest that it can say. moved: which primitives [N] it puts elsewhere, by more than
-    their size.
+    their size, as it has these ``bits`` for places.
     """
 
     name: str
@@ -47,12 +48,19 @@ class Format:
     order: Callable[[Splats], Array] | None = None
     in_white: bool = False
     brightest: float = math.inf
+    largest_sh: float = math.inf
     log_scales: tuple[float, float] = (-math.inf, math.inf)
     moved: Callable[[Splats], Array] | None = None
+    bits: str = ""
 
 
 def _read_ply(path: Path) -> Model:
-    splats, comments = read_ply_and_comments(path)
+    return read_any_ply(path, finite=True)
+
+
+def read_any_ply(path: Path, finite: bool = False) -> Model:
+    """The content of a PLY, whose numbers need not be ``finite``. Raises ``DataError``."""
+    splats, comments = read_ply_and_comments(path, finite)
     return Model(splats, drawing_of(comments))
 
 
@@ -83,7 +91,10 @@ COMPRESSED_PLY = Format(
     shifts=True,
     order=in_space,
     in_white=True,
+    largest_sh=compressed_ply.SH_RANGE / 2,
     log_scales=(-compressed_ply.MAX_LOG_SCALE, compressed_ply.MAX_LOG_SCALE),
+    moved=compressed_ply.moved,
+    bits=f"10 or 11 bits for a coordinate among {compressed_ply.CHUNK} neighbours",
 )
 SPZ = Format(
     "SPZ",
@@ -94,8 +105,10 @@ SPZ = Format(
     order=by_color,
     in_white=True,
     brightest=spz.LINEAR_BRIGHTEST,
+    largest_sh=1.0,
     log_scales=spz.LOG_SCALES,
     moved=spz.moved,
+    bits="24 bits for a coordinate",
 )
 SOG = Format(
     "SOG",

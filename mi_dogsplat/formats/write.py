@@ -12,6 +12,7 @@ import numpy as np
 from ..scene.drawing import USUAL, value_of
 from ..scene.kinds import varying
 from ..scene.radiance import brightened
+from ..scene.row_groups import SH
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..scene.whole import whole
@@ -26,6 +27,7 @@ from .spz_container import rewrapped, zstandard_for
 from .table import PLY, SPZ, Format, format_to_write
 
 SPZ_VERSIONS = (3, 4)  # that are written
+SH_ROUNDING = 1 / 128  # by which a coefficient is out of range: the step of SPZ, less is rounding
 CLAMPED = 1 / 32  # by which a log scale is out of range: half a step of SPZ, less is rounding
 
 
@@ -60,12 +62,13 @@ def write_model(
         else:
             lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
     splats = _held_by(chosen, model.splats, sh_rows)
+    if chosen.in_white and model.drawing.linear and model.drawing.white:
+        with np.errstate(over="ignore"):  # of what is found below
+            splats = brightened(splats, 1 / model.drawing.white)
     if chosen is not PLY:  # whose writer looks at its numbers by itself
         require_finite(path, splats, "nothing was written; remove those primitives")
     if chosen.order:
         splats = splats.select(chosen.order(splats))
-    if chosen.in_white and model.drawing.linear and model.drawing.white:
-        splats = brightened(splats, 1 / model.drawing.white)
     if chosen.turn:
         splats = turned(splats, chosen.turn)
     said = replace(model.drawing, linear=None) if silent else model.drawing
@@ -115,7 +118,8 @@ def require_spz_version(path: Path, chosen: Format, spz_version: int) -> None:
 def what_is_lost(chosen: Format, model: Model) -> list[str]:
     """Lines about what a format has no room for, beside rounding."""
     said, lost = model.drawing.said(), []
-    unsaid = {name: value for name, value in said.items() if name not in chosen.carries}
+    known = chosen.carries | ({"white"} if chosen.in_white else set())  # in units of which its white is 1, as usual
+    unsaid = {name: value for name, value in said.items() if name not in known}
     if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != USUAL[name]]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
     if model.splats.is_cut.any() and not chosen.cuts:
@@ -139,9 +143,24 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     if chosen.moved and (n := int(chosen.moved(model.splats).sum())):
         farthest = f"{np.abs(model.splats.means).max():.3g}"
         what = f"moves {counted(n, 'primitive')} by more than their size"
-        lost.append(f"{chosen.name} has 24 bits for a coordinate: with one of {farthest} it {what}")
+        lost.append(f"{chosen.name} has {chosen.bits}: with one of {farthest} it {what}")
+    unit = (model.drawing.white or 1.0) if chosen.in_white and model.drawing.linear else 1.0
+    if n := _beyond(model.splats, chosen.largest_sh * unit * (1 + SH_ROUNDING)):
+        most = f"±{chosen.largest_sh * unit:.4g}"
+        lost.append(f"{chosen.name} has no SH coefficients beyond {most}, to which it clamps {counted(n, 'primitive')}")
     if model.drawing.linear and math.isfinite(chosen.brightest):
         most = chosen.brightest * (model.drawing.white or 1.0)
         if n := int((0.5 + C0 * model.splats.sh_coeffs[:, 0] > most).any(axis=1).sum()):
             lost.append(f"{chosen.name} has no radiance above {most:.4g}, to which it clamps {counted(n, 'primitive')}")
     return lost
+
+
+def _beyond(splats: Splats, most: float) -> int:
+    """How many primitives have a larger coefficient of view-dependent colour, of either sign."""
+    if math.isinf(most):
+        return 0
+    found = np.any(np.abs(splats.sh_coeffs[:, 1:]) > most, axis=(1, 2))
+    for group in SH.values():
+        (name,) = group.names
+        found[getattr(splats, group.index)] |= np.any(np.abs(getattr(splats, name)) > most, axis=(1, 2))
+    return int(found.sum())

@@ -14,8 +14,9 @@ from ..formats.sog_read import META
 from ..poses.config import SETTINGS as POSES
 from ..render.framing import CORE, robust_sphere
 from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, POSED, read_run
-from ..scene.drawing import DrawnAs
+from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.kinds import COUNTED, kinds, kinds_of
+from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.wording import count, counted, duration, file_size, finite, fixed, printable
@@ -41,6 +42,7 @@ UNIT_TOLERANCE = 1e-2  # of a quaternion's length
 TINY, HUGE = 1e-6, 1.0  # scales, in units of the model's robust radius
 INVISIBLE = 1 / 255  # opacity; a primitive below it never changes an 8-bit pixel by itself
 FAR = 100.0  # robust radii from the centre
+GLARING = 1e6  # colour, in units of white: a picture of the sun has 1e5
 
 
 def describe(path: str | Path) -> list[str]:
@@ -128,6 +130,7 @@ def describe_model(path: Path) -> list[str]:
         lines.append(line("centre, radius", f"({_numbers(centre)}), {radius:.4g}: the median; {CORE:.0%} lie within"))
         lines += [line(f"position {axis}", _range(splats.means[:, i])) for i, axis in enumerate("xyz")]
         lines += [line("scale", _range(splats.scales)), line("opacity", _range(splats.opacities))]
+        lines.append(line("colour", _range(0.5 + C0 * splats.sh_coeffs[:, 0].astype(np.float64))))
     if m:
         lines += [
             line("DoG opacity", _range(splats.dog_opacities)),
@@ -139,17 +142,21 @@ def describe_model(path: Path) -> list[str]:
     lengths = np.linalg.norm(splats.second_cut_normals, axis=1)
     lines += [line("second normals", _range(lengths))] if len(lengths) else []
     lines += [line("shifts", _range(splats.view_shifts))] if splats.n_shifts else []
-    return lines + problem_lines(model_problems(splats))
+    return lines + problem_lines(model_problems(splats, drawn_as(model.drawing).white))
 
 
-def model_problems(splats: Splats) -> list[str]:
-    """One sentence per kind of primitive that is broken, wasted, or shown otherwise by other programs."""
+def model_problems(splats: Splats, white: float = 1.0) -> list[str]:
+    """One sentence per kind of primitive that is broken, wasted, or shown otherwise by other programs.
+
+    ``white``: what is white among its colours.
+    """
     if splats.n_splats == 0:
         return ["there is no primitive: every picture of this model is empty"]
     centre, radius = robust_sphere(splats)
     lengths = np.linalg.norm(splats.quats.astype(np.float64), axis=1)  # [N]
     scales = splats.scales  # [N, 3]
     distances = np.linalg.norm(splats.means - centre, axis=1)  # [N]
+    brightest = C0 * np.maximum(splats.sh_coeffs.max(axis=(1, 2)), -splats.sh_coeffs.min(axis=(1, 2)))  # [N]
     kinds = [
         (lengths == 0, "a quaternion of length zero, so no orientation"),
         (
@@ -160,6 +167,7 @@ def model_problems(splats: Splats) -> list[str]:
         (scales.max(axis=1) > HUGE * radius, f"a scale above {HUGE * radius:.2g}, the radius of the model"),
         (splats.opacities < INVISIBLE, "an opacity below 1/255: they cost time and are hardly seen"),
         (distances > FAR * radius, f"a position more than {FAR:.0f} radii from the centre"),
+        (brightest > GLARING * white, f"a colour more than {GLARING:,.0f} times as bright as white"),
     ]
     found = ((int(np.sum(which)), text) for which, text in kinds)
     return [f"{count(k)} of {count(splats.n_splats)} have {text}" for k, text in found if k]
@@ -169,6 +177,8 @@ def describe_run(path: Path) -> list[str]:
     """Settings, result and completeness of a run folder."""
     run = read_run(path)
     metrics: dict[str, Any] = run.metrics or {}
+    if not any((path / name).is_file() for name in (CONFIG, HISTORY, MODEL)):
+        return _describe_measurement(path, metrics)
     last = run.history[-1] if run.history else {}
     lines = [f"{path}: training run on {run.config.get('data', 'unknown data')}"]
     planned = finite(run.config.get("steps"))
@@ -193,6 +203,16 @@ def describe_run(path: Path) -> list[str]:
     return lines + problem_lines(problems)
 
 
+def _describe_measurement(path: Path, metrics: dict[str, Any]) -> list[str]:
+    """What ``dogsplat eval -o DIR`` leaves: the metrics of a model that is elsewhere, and pictures."""
+    views = metrics.get("views", {})
+    lines = [f"{path}: measurement of a model"]
+    lines += [line("primitives", count(metrics["n"]))] if "n" in metrics else []
+    lines += [line("views", f"{count(len(views))}: {_some(list(views))}")] if views else []
+    lines += [line(name, _quality(metrics[name])) for name in ("test", "train") if metrics.get(name)]
+    return lines + problem_lines([] if views else ["it is not complete: it was interrupted, or is still going on"])
+
+
 def _settings(config: dict[str, Any]) -> list[str]:
     """Those of ``SETTINGS``, and all others that are not as they usually are and bear on the result."""
     usual = {field.name: field.default for field in fields(TrainConfig) if field.name not in UNTOLD}
@@ -208,11 +228,13 @@ def _whole(value: Any) -> Any:
 
 
 def describe_dataset(path: Path) -> list[str]:
-    """Views, split, points, and whether cameras and points agree."""
+    """Views, split, points, whether cameras and points agree, and what ``world.json`` says."""
     from ..datasets import check_cameras, load_dataset  # here: see ``_is_dataset``
     from ..datasets.transforms import not_read
+    from ..datasets.world import read_world
 
     dataset = load_dataset(path, spp=SCENE_SPP, on_disk=True)
+    world = read_world(dataset.path).drawing
     check = check_cameras(dataset)
     lines = [
         f"{path}: data set",
@@ -231,6 +253,7 @@ def describe_dataset(path: Path) -> list[str]:
         lines.append(line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)"))
     if check.reprojection_px is not None:
         lines.append(line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
+    lines += [line("world", drawn(world))] if world.said() else []
     return lines + [line("not read", text) for text in not_read(path)]
 
 

@@ -61,6 +61,14 @@ class PictureOptions:
             problem = "is of linear radiance, and the colours of the model are sRGB values"
             refuse("white", problem, "leave it out, or add --linear")
 
+    def require_use(self, images: bool, pictures: bool) -> None:
+        """Raise ``DataError`` for what has no effect: a downscale where no ``images`` are shrunk, a background where no
+        ``pictures`` are drawn over it. What is usual may always be said."""
+        if self.shrink > 1 and not images:
+            refuse("downscale", "there are no images to shrink", "leave it out")
+        if self.background not in (None, "auto") and not pictures:
+            refuse("background", "no picture is drawn that has one", "leave it out")
+
     def or_trained(self, trained: Mapping[str, Any]) -> PictureOptions:
         """With the downscale and background of a run that was ``trained`` with these settings, where none is said."""
         said = {name: getattr(self, name) for name in ("downscale", "background")}

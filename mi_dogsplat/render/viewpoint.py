@@ -59,6 +59,8 @@ def _camera(
 ) -> tuple[Camera, bool, str | None]:
     """The camera to render from, whether the images of its data set have alpha, and the name of the view that it is."""
     if camera and Path(camera).suffix.lower() == ".json":
+        if data:
+            raise DataError("--data", "is for a view by its name, and --camera names a file", "leave one of them out")
         return _downscaled(read_camera(camera), downscale), False, None
     if not data:
         if camera:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from ..render.picture_options import PictureOptions
 from ..report.run_folder import CONFIG, METRICS
 from ..scene.drawing import drawn_as
 from ..support.errors import DataError
-from ..support.files import remove_parts, write_json
+from ..support.files import parse_json, remove_parts, write_json
 from ..support.locks import locked
 from ..support.variants import require_arrays
 from .run import prepare_folder
@@ -78,19 +78,36 @@ def evaluate_model(
 
 @contextmanager
 def _whole_or_not_at_all(folder: Path, views: Sequence[View]) -> Iterator[None]:
-    """The folder is ours alone. What is raised here, Ctrl-C too, leaves nothing of the views there, and no metrics of
-    before; after a kill the metrics are empty."""
+    """The folder is ours alone, without the pictures of an earlier measurement. What is raised here, Ctrl-C too, leaves
+    nothing of the views there, and no metrics of before; after a kill the metrics are empty."""
     prepare_folder(folder)
     try:
         with locked(folder, "another process is measuring into it"):
             remove_parts(folder)
             try:
+                earlier = _measured_before(folder)
                 write_json(folder / METRICS, {})  # by which the folder is known, without what was measured before
+                _remove_pictures(folder, earlier)
                 yield
             except BaseException:
-                for path in (folder / METRICS, *(path for view in views for path in view_files(folder, view.name))):
-                    path.unlink(missing_ok=True)
+                (folder / METRICS).unlink(missing_ok=True)
+                _remove_pictures(folder, [view.name for view in views])
                 raise
     finally:
         with suppress(OSError):  # where something is left
             folder.rmdir()
+
+
+def _measured_before(folder: Path) -> list[str]:
+    """Names of the views that the metrics of a folder are of, whose pictures lie in it."""
+    try:
+        found = parse_json((folder / METRICS).read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # none, or what is left of them
+        return []
+    views = found.get("views") if isinstance(found, dict) else None
+    return [name for name in views or () if Path(name).name == name] if isinstance(views, dict) else []
+
+
+def _remove_pictures(folder: Path, names: Iterable[str]) -> None:
+    for path in (path for name in names for path in view_files(folder, name)):
+        path.unlink(missing_ok=True)

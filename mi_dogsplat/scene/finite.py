@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .row_groups import Array, RowGroup
-from .splats import Splats
+from .row_groups import GROUPS, Array, RowGroup
+from .splats import DENSE, Splats
 
 
 def finite_rows(*arrays: Array) -> Array:
@@ -21,3 +21,8 @@ def finite_in(splats: Splats, groups: Iterable[RowGroup]) -> Array:
     for group in groups:
         finite[getattr(splats, group.index)] &= finite_rows(*(getattr(splats, name) for name in group.names))
     return finite
+
+
+def finite_primitives(splats: Splats) -> Array:
+    """[N] bool, whether all numbers are finite that a primitive has."""
+    return finite_rows(*(getattr(splats, name) for name in DENSE)) & finite_in(splats, GROUPS)

@@ -13,10 +13,10 @@ A model whose primitives have SH degrees of their own is padded with zeros to th
 "rows", written with f_dc_* alone in ``vertex``, and at the end an element ``sh1``, ``sh2``, ``sh3`` for each degree
 that there is (uint index, float f_rest_*, channel-major as in ``vertex``), one row per primitive of that degree.
 
-Read as well: ASCII, big-endian, any scalar types, columns in any order, extra columns and
-elements, files without normals (gsplat), SH degree 0..3, opacities of 0 and 1 (logits of ±∞, which become finite),
-the method authors' layout (dog_* as columns of ``vertex``: all are DoG), and Mip-Splatting's column filter_3D, which
-widens its primitive (``filter_3d.py``).
+Read as well: ASCII, big-endian, any scalar types, columns in any order, extra columns and elements, files without
+normals (gsplat), SH degree 0..3, opacities of 0 and 1 and scales of 0 (logits of ±∞ and logarithms of -∞, which become
+finite), the method authors' layout (dog_* as columns of ``vertex``: all are DoG), and Mip-Splatting's column filter_3D,
+which widens its primitive (``filter_3d.py``).
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from .opacity import LARGEST_LOGIT
 from .ply_tables import NOT_3DGS, TableReader, check_finite
 from .quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ
 from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SHIFTS, SLOPES, Array, RowGroup, in_several
+from .scales import SMALLEST_LOG_SCALE
 from .splats import Splats
 
 _POSITION = ("x", "y", "z")
@@ -64,8 +65,11 @@ def read_ply(path: str | Path) -> Splats:
     return read_ply_and_comments(path)[0]
 
 
-def read_ply_and_comments(path: str | Path) -> tuple[Splats, list[str]]:
-    """Read a model, and the comments of its header. Raises as ``read_ply`` does."""
+def read_ply_and_comments(path: str | Path, finite: bool = True) -> tuple[Splats, list[str]]:
+    """Read a model, and the comments of its header. Raises as ``read_ply`` does.
+
+    ``finite``: its numbers have to be; else they are left as they are.
+    """
     path = Path(path)
     try:
         status = path.stat()
@@ -73,7 +77,7 @@ def read_ply_and_comments(path: str | Path) -> tuple[Splats, list[str]]:
             kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
             raise DataError(path, f"this is {kind}", "give the path of a PLY file")
         with path.open("rb") as file:
-            reader = TableReader(path, file, status.st_size)
+            reader = TableReader(path, file, status.st_size, finite)
             return _read_model(reader), reader.comments
     except OSError as e:
         raise DataError(path, f"cannot be read ({e.strerror})", "check the path and its permissions") from e
@@ -91,8 +95,8 @@ def _read_model(reader: TableReader) -> Splats:
     means = reader.columns(vertex, "vertex", _POSITION)  # [N, 3]
     dc = reader.columns(vertex, "vertex", _DC)  # [N, 3]
     rest = _by_coefficient(reader.columns(vertex, "vertex", _rest_names(n_rest)))  # [N, K-1, 3]
-    logit_opacities = reader.columns(vertex, "vertex", ("opacity",), LARGEST_LOGIT)[:, 0]  # [N]
-    log_scales = reader.columns(vertex, "vertex", _SCALE)  # [N, 3]
+    logit_opacities = reader.columns(vertex, "vertex", ("opacity",), -LARGEST_LOGIT, LARGEST_LOGIT)[:, 0]  # [N]
+    log_scales = reader.columns(vertex, "vertex", _SCALE, SMALLEST_LOG_SCALE)  # [N, 3]
     if _FILTER[0] in (vertex.dtype.names or ()):
         widths = reader.columns(vertex, "vertex", _FILTER)[:, 0]  # [N]
         log_scales, logit_opacities = filtered(log_scales, logit_opacities, widths)
@@ -127,7 +131,7 @@ def _read_dog(reader: TableReader, tables: dict[str, Array], n_splats: int) -> t
 
 
 def _dog_columns(reader: TableReader, table: Array, element: str) -> Array:
-    opacity = reader.columns(table, element, _DOG[:1], LARGEST_LOGIT)
+    opacity = reader.columns(table, element, _DOG[:1], -LARGEST_LOGIT, LARGEST_LOGIT)
     return np.concatenate([opacity, reader.columns(table, element, _DOG[1:])], axis=1)
 
 

@@ -30,6 +30,7 @@ _MAX_HEADER_BYTES = 1 << 20  # real headers have 1-2 kB
 _NAMED = 4  # elements in the words about a file that is too short, so that they stay a line
 
 NOT_3DGS = "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*"
+NOT_FINITE = "take those primitives out with dogsplat clean, or export the model again"
 _DAMAGED = "the file is damaged or incomplete: copy or export it again"
 
 
@@ -53,10 +54,13 @@ class _Element:
 
 
 class TableReader:
-    """Reads the elements of one open file of ``size`` bytes; ``path`` is for its error messages."""
+    """Reads the elements of one open file of ``size`` bytes; ``path`` is for its error messages.
 
-    def __init__(self, path: Path, file: BinaryIO, size: int):
-        self.path, self.file, self.size = path, file, size
+    ``finite``: columns have to be.
+    """
+
+    def __init__(self, path: Path, file: BinaryIO, size: int, finite: bool = True):
+        self.path, self.file, self.size, self.finite = path, file, size, finite
         self.comments: list[str] = []  # of the header, once it is read
         self.codes: dict[str, dict[str, str]] = {}  # NumPy's, of each element's columns, as the header has them
 
@@ -97,10 +101,12 @@ class TableReader:
         """What follows the last element, once the tables are read."""
         return self.file.read()
 
-    def columns(self, table: Array, element: str, names: tuple[str, ...], infinity: float = np.inf) -> Array:
-        """Columns of a table by name as float32 [count, len(names)], all of them there and finite.
+    def columns(
+        self, table: Array, element: str, names: tuple[str, ...], least: float = -np.inf, most: float = np.inf
+    ) -> Array:
+        """Columns of a table by name as float32 [count, len(names)], all of them there, and finite if they have to be.
 
-        ``infinity`` is what ±∞ becomes, with its sign, where that is no error.
+        ``least`` is what -∞ becomes, and ``most`` ∞, where that is no error.
         """
         out = np.empty((len(table), len(names)), np.float32)
         present = table.dtype.names or ()
@@ -111,9 +117,10 @@ class TableReader:
                 self.fail(f'element "{element}" has no property "{name}"', remedy)
             with np.errstate(over="ignore", invalid="ignore"):  # doubles beyond float32 become inf: see below
                 out[:, i] = table[name]
-        if infinity < np.inf:
-            np.clip(out, -infinity, infinity, out=out, where=np.isinf(out))
-        check_finite(self.path, element, names, out, _DAMAGED)
+        if least > -np.inf or most < np.inf:
+            np.clip(out, least, most, out=out, where=np.isinf(out))
+        if self.finite:
+            check_finite(self.path, element, names, out, NOT_FINITE if element == "vertex" else _DAMAGED)
         return out
 
     def _header(self) -> tuple[str, list[_Element]]:

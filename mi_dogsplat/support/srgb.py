@@ -11,9 +11,13 @@ WHITE_SLOPE = (1 + OFFSET) / POWER  # of the encoded value at 1
 
 
 def srgb_to_linear(values: ArrayLike) -> NDArray[np.float32]:
-    """sRGB encoded values to linear ones (IEC 61966-2-1), not clamped; negative ones stay linear."""
+    """sRGB encoded values to linear ones (IEC 61966-2-1), not clamped; negative ones stay linear.
+
+    What float32 cannot say is infinite, here and below.
+    """
     v = np.asarray(values, np.float32)
-    curve = ((np.maximum(v, 0) + OFFSET) / (1 + OFFSET)) ** POWER
+    with np.errstate(over="ignore"):
+        curve = ((np.maximum(v, 0) + OFFSET) / (1 + OFFSET)) ** POWER
     return np.where(v <= KNEE, v / SLOPE, curve).astype(np.float32)
 
 
@@ -21,12 +25,15 @@ def linear_to_srgb(values: ArrayLike) -> NDArray[np.float32]:
     """The inverse of `srgb_to_linear`."""
     v = np.asarray(values, np.float32)
     curve = (1 + OFFSET) * np.maximum(v, 0) ** (1 / POWER) - OFFSET
-    return np.where(v <= LINEAR_KNEE, SLOPE * v, curve).astype(np.float32)
+    with np.errstate(over="ignore"):
+        return np.where(v <= LINEAR_KNEE, SLOPE * v, curve).astype(np.float32)
 
 
 def displayed(radiance: ArrayLike, white: float = 1.0) -> NDArray[np.float32]:
     """What a screen shows of linear radiance: ``white`` as 1, by the sRGB curve, clamped to 0..1."""
-    return np.clip(linear_to_srgb(np.asarray(radiance, np.float32) / np.float32(white)), 0, 1)
+    with np.errstate(over="ignore"):
+        in_whites = np.asarray(radiance, np.float32) / np.float32(white)
+    return np.clip(linear_to_srgb(in_whites), 0, 1)
 
 
 def luminance(linear: NDArray) -> NDArray:

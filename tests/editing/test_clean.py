@@ -209,6 +209,14 @@ def test_a_preview_shows_before_and_after_from_one_camera(capsys, model, tmp_pat
     assert (before.max(2) > 30).sum() > 1.5 * (after.max(2) > 30).sum() > 0
 
 
+@pytest.mark.parametrize("preview, problem", [("none/p.png", "no such folder"), ("folder.png", "is a folder")])
+def test_a_preview_that_cannot_be_written_is_told_before_the_model_is(capsys, model, tmp_path, preview, problem):
+    (tmp_path / "folder.png").mkdir()
+    command = ["clean", model, "-o", tmp_path / "o.ply", "--preview", tmp_path / preview]
+    assert_one_line(run(capsys, *command), preview, problem)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["folder.png", "model.ply"]
+
+
 @pytest.mark.parametrize(
     "flags, words",
     [
@@ -224,6 +232,8 @@ def test_a_preview_shows_before_and_after_from_one_camera(capsys, model, tmp_pat
         (["--floaters"], ["--floaters", "add --data DATA"]),
         (["--masks", "masks"], ["--masks", "add --data DATA"]),
         (["--preview", "p.jpg"], ["p.jpg", ".png"]),
+        (["--downscale", 2], ["--downscale", "no images"]),
+        (["--background", "white"], ["--background", "no picture"]),
         (["--box", 7, 7, 7, 8, 8, 8], ["model.ply", "no primitive would be left", "take out less"]),
     ],
     ids=lambda value: " ".join(map(str, value)) if str(value[0])[:2] == "--" else "",
@@ -244,6 +254,46 @@ def test_files_that_cannot_be_cleaned_are_one_line(capsys, model, tmp_path):
     assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.obj"), "o.obj")
     assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.spz"), "o.spz", "no room for DoG")
     assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.sog", "--mixed-sh"), "--mixed-sh", ".ply")
+
+
+def file_with_nan(folder: Path, suffix: str) -> Path:
+    """The model with a NaN in the centre of primitive 3, and in PLY in the slopes of primitive 20, too."""
+    model = tiny_data.truth()
+    if suffix == ".ply":
+        model = SLOPED.having(model, every=20)
+        SLOPED.values(model)[:] = 0.125
+    path = folder / f"broken{suffix}"
+    write_model(path, model)
+    data, nan = path.read_bytes(), np.float32(np.nan).tobytes()
+    z = model.means[3, 2].tobytes()  # which has its sign in glTF, too
+    assert data.count(z) == 1
+    data = data.replace(z, nan)
+    if suffix == ".ply":
+        row = np.uint32(20).tobytes() + np.float32(0.125).tobytes()
+        assert data.count(row) == 1
+        data = data.replace(row, row[:4] + nan)
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb", ".splat"])
+def test_primitives_that_are_not_finite_are_taken_out_which_no_other_command_reads(capsys, tmp_path, suffix):
+    path, broken = file_with_nan(tmp_path, suffix), [3, 20] if suffix == ".ply" else [3]
+    told = run(capsys, "export", path, "-o", tmp_path / "out.spz")
+    assert_one_line(told, f"broken{suffix}", "not finite", "take those primitives out with dogsplat clean")
+    flags = ["--connected", 1, "--preview", tmp_path / "p.png"]
+    status, printed, _ = run(capsys, "clean", path, "-o", tmp_path / "out.ply", *flags)
+    assert status == 0 and printed.splitlines()[:2] == [
+        f"{tiny_data.N_TRUTH} primitives, taken out:", f"  not finite: {len(broken)}"
+    ]
+    left = {tuple(mean) for mean in read_ply(tmp_path / "out.ply").means}
+    good = np.delete(tiny_data.truth().means, broken, axis=0)
+    assert left <= {tuple(mean) for mean in good}
+
+
+def test_a_model_without_a_primitive_that_is_finite_is_refused(capsys, tmp_path):
+    (tmp_path / "a.splat").write_bytes(np.full(8, np.nan, "<f4").tobytes())
+    assert_one_line(run(capsys, "clean", tmp_path / "a.splat", "-o", tmp_path / "o.ply"), "a.splat", "all finite")
 
 
 def test_degrees_of_single_primitives_are_kept_or_made(capsys, tmp_path):

@@ -172,6 +172,43 @@ def test_a_version_of_spz_that_cannot_be_written_is_told_before_anything_is_refi
     assert_one_line(run(capsys, *command), "out.spz", f"SPZ {version}")
 
 
+def test_a_folder_of_the_name_of_the_file_is_told_before_anything_is_refined(capsys, model, tmp_path, monkeypatch):
+    monkeypatch.setattr("mi_dogsplat.export.write.refined", lambda *_: pytest.fail("it is being refined"))
+    (tmp_path / "out.spz").mkdir()
+    assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz"), "out.spz", "is a folder")
+
+
+def test_flags_of_pictures_without_any_are_refused(capsys, model, tmp_path):
+    def exported(*flags, out="out.ply"):
+        return run(capsys, "export", model, "-o", tmp_path / out, "--dog", "keep", *flags)
+
+    assert_one_line(exported("--downscale", 2), "--downscale", "no images")  # the views around a model have their size
+    assert_one_line(exported("--background", "white", "--views", 0), "--background", "no picture")
+    data = tiny_data.write_tiny_data(tmp_path / "data")
+    assert_one_line(exported("--data", data, "--downscale", 2, "--views", 0), "--downscale", "no images")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["data", "model.ply"]
+    assert exported("--background", "auto", "--downscale", 1, "--views", 0)[0] == 0  # which is usual
+    assert exported("--background", "white")[0] == 0
+    flags = ["--views", 0, "--refine", 0, "--background", "white"]
+    assert run(capsys, "export", model, "-o", tmp_path / "page.html", *flags)[0] == 0
+
+
+def test_data_that_nothing_looks_at_are_told(capsys, model, tmp_path):
+    command = ["export", model, "-o", tmp_path / "out.ply", "--views", 0, "--data", tmp_path / "none"]
+    status, printed, _ = run(capsys, *command, "--dog", "keep")
+    assert status == 0 and printed.splitlines()[0].startswith("--data is not looked at")
+    assert_one_line(run(capsys, *command, "--refine", 9), "none", "no such file or folder")
+
+
+def test_a_model_that_is_invisible_cannot_be_refined_and_can_be_written(capsys, tmp_path):
+    hidden = tiny_data.truth()
+    hidden.logit_opacities[:] = -20
+    write_ply(tmp_path / "hidden.ply", hidden)
+    command = ["export", tmp_path / "hidden.ply", "-o", tmp_path / "out.sog", "--small", "--views", 0]
+    assert_one_line(run(capsys, *command), "hidden.ply", "invisible", "--refine 0")
+    assert run(capsys, *command, "--refine", 0)[0] == 0
+
+
 def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.glb", "--small"), "--small", "glTF", ".spz")
     wrong = run(capsys, "export", model, "-o", tmp_path / "out.ply", "--spz-version", "4")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tiny_data
 from hdr_data import bright_truth, write_hdr_data
-from mi_dogsplat import write_ply
+from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.editing.clean import clean_model
@@ -101,6 +101,18 @@ def test_a_white_of_colours_that_are_no_radiance_is_refused_and_gets_into_no_fil
         with pytest.raises(DataError, match="--white: is of linear radiance, and the colours of the model are sRGB"):
             refused()
     assert not out.exists()
+
+
+@pytest.mark.parametrize(("name", "version"), [("a.splat", 3), ("a.spz", 4), ("a.spz", 3)])
+def test_the_loss_of_a_file_does_not_depend_on_the_unit_of_radiance(tmp_path, name, version):
+    """The file is in units of white, whether it says so or not."""
+    found = []
+    for white in (1.0, 4.0):
+        write_model(tmp_path / "m.ply", Model(brightened(tiny_data.truth(), white), Drawing(linear=True, white=white)))
+        exported = export_model(tmp_path / "m.ply", tmp_path / name, ExportConfig(views=2, spz_version=version))
+        assert exported.losses[-1].stage == "read from the file"
+        found.append(exported.losses[-1].of_model)
+    assert found[1] == pytest.approx(found[0], abs=0.1) and found[0] > 25  # dB
 
 
 def test_the_viewer_shows_the_photograph_as_it_shows_the_model(dataset, drawn):

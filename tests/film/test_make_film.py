@@ -104,6 +104,14 @@ def test_a_folder_may_have_a_point_in_its_name(model, tmp_path):
     assert sorted(p.name for p in (tmp_path / "take 1.2").iterdir()) == ["0000.png", "film.json"]
 
 
+@pytest.mark.parametrize("name", ["take 1.2", "film.mp4", "0%d.png"])
+def test_what_ends_in_a_slash_is_a_folder_that_need_not_be_there(model, tmp_path, name, capsys):
+    argv = ["film", model, "-o", f"{tmp_path / name}/", "--seconds", "0.1", "--fps", "8", "--size", "16", "16"]
+    for _ in range(2):  # to be gone on with, too
+        assert run(capsys, *argv)[0] == 0
+    assert sorted(p.name for p in (tmp_path / name).iterdir()) == ["0000.png", "film.json"]
+
+
 def test_the_background_takes_nothing_of_an_exr(model, keys, tmp_path):
     """Over white, half of a colour brighter than 1 would be clamped before the background is taken away."""
     truth = tiny_data.truth()

@@ -177,6 +177,22 @@ def test_compressed_ply_by_hand():
     assert first[3] & 255 == 128  # opacity
 
 
+def test_compressed_ply_of_before_colours_had_bounds(tmp_path):
+    """PlayCanvas takes the codes of colours as 0 to 1 where a chunk has 12 numbers."""
+    model = splats_of_degree(1, n=300)
+    model.sh_coeffs[:, 0] = np.clip(model.sh_coeffs[:, 0], -0.5 / C0, 0.5 / C0)
+    model.sh_coeffs[[0, 256], 0], model.sh_coeffs[[1, 257], 0] = -0.5 / C0, 0.5 / C0  # bounds of both chunks: 0 and 1
+    (tmp_path / "a.ply").write_bytes(whole := compressed_ply.encode(model))
+    header, data = whole.split(b"end_header\n")
+    for name in compressed_ply.OF_COLORS:
+        header = header.replace(f"property float {name}\n".encode(), b"")
+    chunks = np.frombuffer(data[: 2 * 72], "<f4").reshape(2, 18)[:, :12]
+    (tmp_path / "b.ply").write_bytes(header + b"end_header\n" + chunks.tobytes() + data[2 * 72 :])
+    now, before = (read_model(tmp_path / name).splats for name in ("a.ply", "b.ply"))
+    for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"):
+        assert getattr(before, name) == pytest.approx(getattr(now, name), abs=1e-6), name
+
+
 def test_glb_by_hand():
     data = gltf.encode(one(quats=[[0, 0, 2, 0]], sh_coeffs=np.arange(12).reshape(1, 4, 3)))
     magic, version, length, text = struct.unpack_from("<4sIII", data)

@@ -132,6 +132,14 @@ def test_linear_colours_are_said_in_the_color_space(tmp_path, content):
     assert read_model(tmp_path / "b.glb").left_out == (r"its kernel a\n\x1b[31m",)
 
 
+def test_a_colour_space_that_is_not_known_is_told(tmp_path, content):
+    found, binary = content
+    how = found["meshes"][0]["primitives"][0]["extensions"][NAME]
+    how["colorSpace"] = "lin_rec2020_scene"
+    (tmp_path / "b.glb").write_bytes(glb(found | {"buffers": [{"byteLength": len(binary)}]}, binary))
+    assert read_model(tmp_path / "b.glb").left_out == ("its colour space lin_rec2020_scene",)
+
+
 @pytest.mark.parametrize("kind", [(5121, "<u1"), (5123, "<u2"), (5125, "<u4")])
 def test_of_a_primitive_with_indices_those_rows_are_read(tmp_path, content, kind):
     found, binary = content
@@ -194,4 +202,16 @@ def test_what_does_not_fit_together_is_refused(tmp_path, content, change, words)
     change(found)
     (tmp_path / "b.glb").write_bytes(glb(found, binary))
     with pytest.raises(DataError, match=words):
+        read_model(tmp_path / "b.glb")
+
+
+def test_an_extension_that_a_file_cannot_be_read_without_is_named(tmp_path, content):
+    found, binary = content
+    found["buffers"] = [{"byteLength": len(binary)}]
+    found["extensionsRequired"] = ["KHR_mesh_quantization", "EXT_meshopt_compression", "KHR_texture_transform"]
+    (tmp_path / "b.glb").write_bytes(glb(found, binary))
+    assert read_model(tmp_path / "b.glb").splats.n_splats == foreign_model.model().n_splats  # it does well without them
+    del found["accessors"][0]["bufferView"]  # which the extension has elsewhere
+    (tmp_path / "b.glb").write_bytes(glb(found, binary))
+    with pytest.raises(DataError, match="b.glb: needs EXT_meshopt_compression, KHR_texture_transform, which is not "):
         read_model(tmp_path / "b.glb")

@@ -12,7 +12,7 @@ from mi_dogsplat.scene.drawing import Drawing, drawn_as
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.support.srgb import linear_to_srgb_log
+from mi_dogsplat.support.srgb import displayed, linear_to_srgb_log
 from tiny_data import truth
 
 WHITE = 500.0
@@ -37,7 +37,7 @@ def test_a_file_says_that_it_is_linear_and_which_radiance_is_white(tmp_path, suf
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_radiance_far_above_white_survives(tmp_path, suffix):
-    model = Model(bright_truth(WHITE), DRAWING)
+    model = Model(bright_truth(WHITE).uniform_sh(0), DRAWING)  # whose bands are beyond what two of the formats can say
     assert colours(model.splats).max() > 10 * WHITE
     assert write_model(tmp_path / f"a{suffix}", model) == []
     found, expected = colours(read_model(tmp_path / f"a{suffix}").splats), colours(model.splats)
@@ -63,7 +63,7 @@ def test_lamps_take_nothing_from_the_shadows_of_a_small_file(tmp_path, suffix, s
 
 
 def test_spz_clamps_what_is_far_above_white_and_tells(tmp_path):
-    model = Model(bright_truth(400 * WHITE), DRAWING)
+    model = Model(bright_truth(400 * WHITE).uniform_sh(0), DRAWING)
     n = int((0.5 + 0.28209479 * model.splats.sh_coeffs[:, 0] > 1024 * WHITE).any(axis=1).sum())
     assert 0 < n < model.splats.n_splats
     lost = write_model(tmp_path / "a.spz", model)
@@ -92,11 +92,29 @@ def test_a_linear_spz_file_of_before_holds_radiance_and_others_see_what_a_screen
     np.testing.assert_allclose(colours(read_model(tmp_path / "other.spz").splats), shown, atol=0.01)
 
 
+def test_what_is_to_be_given_by_hand_shows_a_splat_file_as_bright_as_the_model(tmp_path):
+    """Its colours are in units of white: a white of the model beside them would count twice."""
+    model = Model(brightened(truth(), 4.0), Drawing(linear=True, white=4.0))
+    (told, *_) = write_model(tmp_path / "a.splat", model)
+    assert told == ".splat cannot say how it is drawn: linear True; give it by hand"
+    by_hand = drawn_as(Drawing(linear=True))
+    shown = displayed(colours(read_model(tmp_path / "a.splat").splats), by_hand.white)
+    np.testing.assert_allclose(shown, displayed(colours(model.splats), 4.0), atol=0.03)
+
+
 def test_spz_4_tells_that_it_cannot_say_so(tmp_path):
     lost = write_model(tmp_path / "a.spz", Model(truth(), Drawing(linear=True)), spz_version=4)
     assert lost == ["SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3"]
     lost = write_model(tmp_path / "b.spz", Model(truth(), Drawing(linear=True, white=4.0)), spz_version=4)
     assert "SPZ 4 cannot say that its colours are linear and in units of white; write version 3" in lost
+
+
+@pytest.mark.parametrize("suffix", [".compressed.ply", ".spz", ".sog", ".splat"])
+def test_colours_that_are_beyond_all_numbers_in_units_of_white_are_not_written(tmp_path, suffix):
+    bright = brightened(truth(), 1e30)
+    with pytest.raises(DataError, match=f"model{suffix}: has values of sh_coeffs that are not finite"):
+        write_model(tmp_path / f"model{suffix}", Model(bright, Drawing(linear=True, white=1e-20)))
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_white_by_which_colours_end_beyond_all_numbers_is_refused(tmp_path):

@@ -115,6 +115,33 @@ def test_a_primitive_far_away_that_leaves_spz_no_room_for_the_others_is_told(tmp
     assert lost == ([said + "their size"] if moved else [])
 
 
+@pytest.mark.parametrize(("suffix", "most"), [(".spz", 1), (".compressed.ply", 4), (".sog", None), (".glb", None)])
+@pytest.mark.parametrize("white", [None, 2.0])
+def test_sh_coefficients_that_a_format_cannot_say_are_told(tmp_path, suffix, most, white):
+    model, unit = foreign_model.model(), white or 1.0
+    model.sh_coeffs[:, 1:] = 0
+    model.sh_coeffs[:3, 2, 1] = unit, -unit, -5 * unit
+    lost = write_model(tmp_path / f"a{suffix}", Model(model, Drawing(linear=bool(white), white=white)))
+    said = [f"no SH coefficients beyond ±{most * unit:.4g}, to which it clamps 1 primitive"] if most else []
+    assert [line.partition(" has ")[2] for line in lost] == said
+    back = read_model(tmp_path / f"a{suffix}").splats.sh_coeffs[:, 2, 1]
+    assert np.abs(back).max() == pytest.approx((most or 5) * unit, rel=0.01)
+
+
+@pytest.mark.parametrize("farthest", [10.0, 1e4])
+def test_primitives_that_compressed_ply_moves_beside_one_far_away_are_told(tmp_path, farthest):
+    model = foreign_model.model()
+    means = model.means.copy()
+    means[0, 0] = farthest
+    fine = replace(model, means=means, log_scales=np.full_like(model.log_scales, -4))
+    lost = write_model(tmp_path / "a.compressed.ply", fine)
+    back = read_model(tmp_path / "a.compressed.ply").splats.means
+    away = np.abs(back[:, None] - means[None]).max(axis=-1).min(axis=0)  # [N] from each to any in the file
+    moved = int((away > np.exp(-4)).sum())
+    said = f"with one of {farthest:.3g} it moves {moved} primitives by more than their size"
+    assert [line.partition(": ")[2] for line in lost] == ([said] if moved else []) and bool(moved) == (farthest > 1e3)
+
+
 @pytest.mark.parametrize("suffix", [".sog", ".spz", ".compressed.ply"])
 def test_places_farther_apart_than_float32_can_say_are_written(tmp_path, suffix):
     model = foreign_model.model()
@@ -123,6 +150,16 @@ def test_places_farther_apart_than_float32_can_say_are_written(tmp_path, suffix)
     back = read_model(written(tmp_path / f"a{suffix}", replace(model, means=means))).splats.means[:, 0]
     farthest = 2.0**23 if suffix == ".spz" else 3e38
     assert np.sort(back)[[0, -1]] == pytest.approx([-farthest, farthest], rel=1e-2)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("value", [1e37, float(np.finfo(np.float32).max), -float(np.finfo(np.float32).max)])
+def test_numbers_at_the_end_of_float32_are_written_without_a_warning(tmp_path, suffix, value):
+    model, path = foreign_model.model(), tmp_path / f"model{suffix}"
+    before = model.opacities.copy()
+    model.sh_coeffs[2], model.log_scales[4] = value, value
+    write_model(path, model)
+    assert np.allclose(np.sort(read_model(path).splats.opacities), np.sort(before), atol=1 / 255)
 
 
 def test_not_antialiased_is_told_from_nothing_said(tmp_path):

@@ -1,4 +1,4 @@
-"""SPZ of versions 2, 3 and 4, byte by byte."""
+"""SPZ of versions 1 to 4, byte by byte."""
 
 import gzip
 import struct
@@ -41,6 +41,20 @@ def test_version_2_has_three_bytes_for_a_rotation(tmp_path):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
     assert np.abs(found.quats[:, :3] - xyz).max() <= 0.5 / 127.5 + 1e-6 and found.quats[:, 3].min() >= 0
     assert np.linalg.norm(found.quats, axis=1) == pytest.approx(np.ones(N), abs=0.01)
+
+
+def test_version_1_is_version_2_with_16_bit_floats_for_positions(tmp_path):
+    _, body = version_3(tmp_path / "a.spz")
+    expected = spz.read(tmp_path / "a.spz").splats
+    at = N * 16
+    rest = body[N * 9 : at] + bytes([127, 128, 0]) * N + body[at + N * 4 :]
+    header = HEADER.pack(0x5053474E, 1, N, 2, 0, 0, 0)
+    (tmp_path / "b.spz").write_bytes(gzip.compress(header + expected.means.astype("<f2").tobytes() + rest))
+    found = turned(read_model(tmp_path / "b.spz").splats, RUB)
+    assert found.means == pytest.approx(expected.means, rel=2.0**-11)
+    for name in ("log_scales", "sh_coeffs", "logit_opacities"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+    assert found.quats[:, 2] == pytest.approx(-np.ones(N)) and np.abs(found.quats[:, [0, 1, 3]]).max() < 0.01
 
 
 @pytest.mark.parametrize("degree", [0, 2])
@@ -94,7 +108,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
     header, body = version_3(tmp_path / "a.spz")
     path = tmp_path / "b.spz"
     for version, degree, data, words in (
-        (1, 2, body, "version 1"), (3, 5, body, "degree 5"), (3, 3, body, "primitives need"), (3, 2, body[:-1], "need"),
+        (5, 2, body, "version 5"), (3, 5, body, "degree 5"), (3, 3, body, "primitives need"), (3, 2, body[:-1], "need"),
     ):  # fmt: skip
         path.write_bytes(gzip.compress(HEADER.pack(header[0], version, N, degree, 12, 0, 0) + data))
         with pytest.raises(DataError, match=words):

@@ -130,6 +130,7 @@ def test_a_model_without_dog_says_nothing_about_it(tmp_path):
         ("log_scales", [9], 3.0, "the radius of the model"),
         ("logit_opacities", [2, 3], -8.0, "below 1/255"),
         ("means", [11], 1e5, "100 radii from the centre"),
+        ("sh_coeffs", [5, 6], 1e37, "1,000,000 times as bright as white"),
     ],
 )
 def test_each_problem_is_found_in_just_the_primitives_that_have_it(tmp_path, name, rows, value, words):
@@ -141,6 +142,17 @@ def test_each_problem_is_found_in_just_the_primitives_that_have_it(tmp_path, nam
     write_ply(tmp_path / "m.ply", splats)
     lines = describe(tmp_path / "m.ply")
     assert lines[-2:] == ["problems:", f"  {problem}"]
+
+
+def test_the_range_of_colours_is_told_and_lamps_of_a_linear_model_are_no_problem(tmp_path):
+    splats = tiny_data.truth()
+    splats.sh_coeffs[:, 0] = 0
+    splats.sh_coeffs[3, 0, 1] = 1e7
+    for drawing, found in ((Drawing(), True), (Drawing(linear=True, white=100.0), False)):
+        write_model(tmp_path / "m.ply", Model(splats, drawing))
+        lines = describe(tmp_path / "m.ply")
+        assert value_of(lines, "colour") == f"0.5 to {0.28209479 * 1e7 + 0.5:.4g}, median 0.5"
+        assert ("as bright as white" in lines[-1]) == found
 
 
 def test_an_empty_model_is_a_problem(tmp_path):
@@ -161,6 +173,16 @@ def test_a_data_set_shows_its_views_points_and_whether_they_agree(tmp_path):
     assert value_of(lines, "points") == "60"
     assert value_of(lines, "cameras").startswith("100% of the points")
     assert "differ by 0." in value_of(lines, "colours")
+
+
+def test_a_data_set_tells_its_up_axis_and_unit(tmp_path):
+    world = tiny_data.write_tiny_data(tmp_path) / "world.json"
+    assert not any(line.startswith("  world") for line in describe(tmp_path))
+    world.write_text('{"up": "-y", "scale": 0.31}')
+    assert value_of(describe(tmp_path), "world") == "up -y, scale 0.31"
+    world.write_text('{"up": "w"}')
+    with pytest.raises(DataError, match="world.json: \"up\" is 'w'"):
+        describe(tmp_path)
 
 
 def test_a_data_set_tells_what_of_it_is_not_read(tmp_path):

@@ -9,6 +9,7 @@ from dataset_folders import transforms_folder
 from described import value_of
 from mi_dogsplat import write_ply
 from mi_dogsplat.inspection.info import describe
+from mi_dogsplat.runs.evaluation import evaluate_model
 from mi_dogsplat.training.config import TrainConfig
 
 
@@ -102,3 +103,15 @@ def test_an_interrupted_run_shows_how_far_it_came(tmp_path):
         "  the run is not complete: it was interrupted, or is still running",
         "  history.jsonl has 1 line of something else than JSON",
     ]
+
+
+def test_what_eval_leaves_is_a_measurement_and_no_run(tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=9)
+    write_ply(tmp_path / "m.ply", tiny_data.truth())
+    evaluate_model(tmp_path / "m.ply", data, tmp_path / "out")
+    lines = describe(tmp_path / "out")
+    assert lines[0] == f"{tmp_path / 'out'}: measurement of a model" and lines[-1] == "problems: none found"
+    assert value_of(lines, "primitives") == str(tiny_data.N_TRUTH) and value_of(lines, "views") == "2: 0, 8"
+    assert value_of(lines, "test").startswith("PSNR ")
+    (tmp_path / "out" / "metrics.json").write_text("{}")  # of one that was killed
+    assert "not complete" in describe(tmp_path / "out")[-1]

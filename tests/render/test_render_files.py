@@ -199,6 +199,11 @@ def test_an_unknown_view_is_answered_with_close_names(model, data, tmp_path):
         render(model, tmp_path / "v.png", camera="3")
 
 
+def test_a_camera_file_and_data_are_not_both_looked_at(model, data, tmp_path):
+    with pytest.raises(DataError, match="--data: is for a view by its name, and --camera names a file; leave one"):
+        render(model, tmp_path / "v.png", data=data, camera="camera.json")
+
+
 @pytest.mark.parametrize("name", ["v.jpg", "v", "v.ply"])
 def test_an_unknown_picture_format_is_refused_before_anything_else(tmp_path, name):
     with pytest.raises(DataError, match=r"ends in .png, .exr, .npz"):

@@ -55,6 +55,27 @@ def test_a_measurement_that_is_killed_leaves_no_metrics_of_before_and_can_be_beg
     assert json.loads(seen[0]) == {} and not [*out.glob(".*")]
 
 
+def test_pictures_of_views_that_are_not_measured_again_do_not_stay(tmp_path):
+    write_ply(model := tmp_path / "model.ply", tiny_data.truth())
+    out, data = tmp_path / "out", [tiny_data.write_tiny_data(tmp_path / str(n), n=n) for n in (17, 9)]
+    before, after = ({*evaluate_model(model, folder, out)} for folder in data)
+    assert before - after
+    assert {*out.iterdir()} == {out / "metrics.json", *(path for view in after for path in view_files(out, view))}
+
+
+@pytest.mark.parametrize("metrics", ['{"views": {"../kept": {}}}', '{"views": ["kept"]}', "[]", "{"])
+def test_metrics_of_others_take_no_file_away(data, tmp_path, metrics):
+    write_ply(model := tmp_path / "model.ply", tiny_data.truth())
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "metrics.json").write_text(metrics)
+    kept = [tmp_path / "kept.png", out / "kept.png"]
+    for file in kept:
+        file.touch()
+    evaluate_model(model, data, out)
+    assert all(file.is_file() for file in kept)
+
+
 def test_two_measurements_do_not_write_to_one_folder_at_a_time(data, tmp_path):
     write_ply(model := tmp_path / "model.ply", tiny_data.truth())
     out = tmp_path / "out"

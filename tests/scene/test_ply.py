@@ -206,6 +206,20 @@ def test_opacities_of_zero_and_one_are_read_as_almost_that(tmp_path):
         np.testing.assert_array_equal(read.logit_opacities[2:], splats.logit_opacities[2:])
 
 
+def test_a_scale_of_zero_is_read_as_almost_that(tmp_path):
+    """A logarithm of -∞, as of files made of flat primitives; one of ∞ is still an error."""
+    splats = random_splats()
+    splats.log_scales[2, 1] = -np.inf
+    path = write(tmp_path, to_bytes({"vertex": vertex_columns(splats)}))
+    read = read_ply(path)
+    assert read.scales[2, 1] == pytest.approx(1e-30) and np.isfinite(read.log_scales).all()
+    splats.log_scales[2, 1] = read.log_scales[2, 1]
+    np.testing.assert_array_equal(read.log_scales, splats.log_scales)
+    splats.log_scales[2, 1] = np.inf
+    with pytest.raises(DataError, match='not finite: 1, the first "scale_1" in row 2'):
+        read_ply(write(tmp_path, to_bytes({"vertex": vertex_columns(splats)})))
+
+
 def test_values_that_are_not_finite_are_not_written(tmp_path):
     splats = random_splats()
     splats.log_scales[2, 1] = np.nan

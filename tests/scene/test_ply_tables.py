@@ -44,7 +44,7 @@ def with_sh_rows() -> bytes:
 
 
 ALL_DOG = random_splats(dog_index=range(7))
-NOT_FINITE = np.array([0, 1, np.nan, 2, -np.inf, 3, 4])
+NOT_FINITE = np.array([0, 1, np.nan, 2, np.inf, 3, 4])
 BAD_FILES = {
     "empty": (b"", "the file is empty"),
     "text": (b"hello\nworld\n", "not a PLY file"),

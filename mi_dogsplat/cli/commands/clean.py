@@ -25,11 +25,11 @@ Examples:
   dogsplat clean run/point_cloud.ply -o object.ply --data photos/ --masks masks/
                                                              what masks show in white, as an object
 
-Without flags: primitives of an opacity below 1/255, DoG without effect, and slopes, curvatures, cuts, shifts
-and SH bands that are zero. What the flags take out is counted, each primitive for the first reason that it
-has. --seen leaves every training view as it is. --masks keeps what is seen in white more than in black.
---floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and after, which
---data adds.
+Without flags: primitives with a NaN or an infinite number, those of an opacity below 1/255, DoG without
+effect, and slopes, curvatures, cuts, shifts and SH bands that are zero. What the flags take out is counted,
+each primitive for the first reason that it has. --seen leaves every training view as it is. --masks keeps
+what is seen in white more than in black. --floaters goes by the surfaces that the views show
+(docs/clean.md): look at the PSNR before and after, which --data adds.
 """
 
 

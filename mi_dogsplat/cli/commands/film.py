@@ -33,7 +33,8 @@ file; of numbered pictures the whole ones stay, and the same command goes on aft
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("model", type=Path, metavar="MODEL_or_RUN", help=f"{MODEL_HELP}; or run folder")
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".mp4, FOLDER, FOLDER/%%04d.exr")
+    # no path, which would forget the slash at the end of a folder
+    parser.add_argument("-o", "--out", required=True, metavar="OUT", help=".mp4, FOLDER/, FOLDER/%%04d.exr")
     parser.add_argument(
         "--data", metavar="DATA", help="data set whose cameras the path follows (default: that of the run)"
     )
