@@ -10,6 +10,8 @@ from ..scene.drawing import Drawing
 from ..scene.splats import Splats
 from ..support.wording import count
 
+NAMES_SHOWN = 4
+
 
 def line(name: str, value: str) -> str:
     """A name, and its value in the second column."""
@@ -34,3 +36,9 @@ def drawn(drawing: Drawing) -> str:
     words = [name if value is True else f"not {name}" for name, value in drawing.said().items() if type(value) is bool]
     named = [f"{name.replace('_', ' ')} {value}" for name, value in drawing.said().items() if type(value) is not bool]
     return ", ".join(words + named)
+
+
+def first_names(names: list[str]) -> str:
+    """Some of them, and how many more there are."""
+    more = len(names) - NAMES_SHOWN
+    return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")

@@ -11,8 +11,8 @@ from ..report.run_folder import MODEL, read_run
 from ..support.wording import counted
 from ..training.config import TrainConfig
 from ..training.presets import GIVEN
+from .dataset import SCENE_SPP
 from .features import FLOAT, LEFT_OUT, NEEDED, Feature, feature, model_features
-from .info import SCENE_SPP
 from .stored_recipe import recipe_of
 
 BEHIND = "per pixel of the image 3 operations, and the adjoint of T"

@@ -29,7 +29,7 @@ from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.formats.write import write_model
-from mi_dogsplat.inspection.info import describe_run
+from mi_dogsplat.inspection.run import describe_run
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.scene.camera_file import read_camera

@@ -15,7 +15,8 @@ from described import value_of
 from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.cli.printing import size_line
 from mi_dogsplat.inspection.describe_features import describe_features
-from mi_dogsplat.inspection.info import describe, model_problems
+from mi_dogsplat.inspection.info import describe
+from mi_dogsplat.inspection.model import model_problems
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.wording import file_size

@@ -5,7 +5,7 @@ import json
 import pytest
 import tiny_data
 from mi_dogsplat import write_ply
-from mi_dogsplat.inspection.info import describe_dataset
+from mi_dogsplat.inspection.dataset import describe_dataset
 from mi_dogsplat.measure.evaluate import evaluate_views, view_files
 from mi_dogsplat.runs import evaluation
 from mi_dogsplat.runs.evaluation import evaluate_model
