@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import types
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar, Union, get_args, get_origin
 
 from ..datasets.world import check_world
@@ -17,13 +18,24 @@ T = TypeVar("T")
 DATA_HELP = settings_of(TrainConfig)["data"][1].help
 MODEL_HELP = "model: .ply .spz .sog .glb .gltf .splat, or meta.json of SOG"
 METAVARS = {int: "N", float: "X", str: "NAME"}
+OF_RUN = {
+    name: settings_of(PictureOptions)[name][1].help.removesuffix(")") + "; of a run folder, as it was trained)"
+    for name in ("downscale", "background")
+}
+"""Help of what a command that takes run folders takes from them."""
 
 
-def add_settings(parser: argparse.ArgumentParser, kind: type, names: list[str] | None = None) -> None:
-    """A flag per setting of a class (``settings_of``), of all or of those that are named."""
+def add_settings(
+    parser: argparse.ArgumentParser, kind: type, names: list[str] | None = None, said: Mapping[str, str] = {}
+) -> None:
+    """A flag per setting of a class (``settings_of``), of all or of those that are named.
+
+    said: help of those which mean something else, or more, in this command than the class says.
+    """
     for name, (hint, setting) in settings_of(kind).items():
         if names is not None and name not in names:
             continue
+        setting = replace(setting, help=said.get(name, setting.help))
         flag, default = "--" + name.replace("_", "-"), getattr(kind, name)
         if hint is bool:
             parser.add_argument(flag, action="store_true", help=setting.help)
@@ -46,9 +58,11 @@ def _parsed(hint: Any) -> tuple[type, int]:
     return (get_args(hint)[0], len(get_args(hint))) if get_origin(hint) is tuple else (hint, 0)
 
 
-def add_picture_flags(parser: argparse.ArgumentParser, *others: str, without: Sequence[str] = ()) -> None:
-    """How a model is drawn, ``without`` some of that, and ``others`` of a training."""
-    add_settings(parser, PictureOptions, [name for name in settings_of(PictureOptions) if name not in without])
+def add_picture_flags(
+    parser: argparse.ArgumentParser, *others: str, without: Sequence[str] = (), said: Mapping[str, str] = {}
+) -> None:
+    """How a model is drawn, ``without`` some of that, and ``others`` of a training; ``said`` as in ``add_settings``."""
+    add_settings(parser, PictureOptions, [name for name in settings_of(PictureOptions) if name not in without], said)
     add_settings(parser, TrainConfig, [*others, "variant"])
 
 

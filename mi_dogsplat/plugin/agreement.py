@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from ..scene.drawing import ROUNDING, Drawing, DrawnAs, drawn_as
+from ..scene.drawing import ROUNDING, USUAL, Drawing, DrawnAs, drawn_as
 
 PROPERTIES = {"antialiased": "antialiased", "near_clip": "near_clip", "linear": "srgb_primitives"}  # of the integrator
 
@@ -14,11 +14,14 @@ PROPERTIES = {"antialiased": "antialiased", "near_clip": "near_clip", "linear": 
 def agreed(own: Drawing, shapes: Iterable[Any]) -> DrawnAs:
     """What is decided for ``dog`` shapes that are drawn together.
 
-    own: what the integrator was told. Raises ``RuntimeError`` where it was told nothing and two files disagree.
+    own: what the integrator was told. Raises ``RuntimeError`` where it was told nothing and two files disagree. A file
+    that says nothing goes along with the others, but for its colours: they are sRGB, and would be far too bright or
+    dark.
     """
     said: dict[str, tuple[Any, str]] = {}
     for shape in shapes:
-        for name, value in shape.drawing.said().items():
+        colors = {"linear": USUAL["linear"]} if shape.means.shape[0] else {}
+        for name, value in (colors | shape.drawing.said()).items():
             other, source = said.setdefault(name, (value, shape.source))
             if name in PROPERTIES and not _same(other, value) and getattr(own, name) is None:
                 raise RuntimeError(

@@ -29,6 +29,7 @@ from .properties import given
 from .samples import Sample, samples
 from .sensor import SensorReader, ViewPass
 from .surfaces import Surfaces
+from .turns import ONE_AT_A_TIME
 
 
 class SplatIntegrator(ADIntegrator):
@@ -94,16 +95,17 @@ class SplatIntegrator(ADIntegrator):
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf:
         """The image; empty, as of Mitsuba's own integrators, if not ``develop``: the film has it all the same."""
-        with dr.suspend_grad():
-            image = self.developed(scene, _sensor(scene, sensor), seed, spp)
-        if not develop:
-            return mi.TensorXf()
-        if evaluate:
-            dr.eval(image)
-        return image
+        with ONE_AT_A_TIME:
+            with dr.suspend_grad():
+                image = self.developed(scene, _sensor(scene, sensor), seed, spp)
+            if not develop:
+                return mi.TensorXf()
+            if evaluate:
+                dr.eval(image)
+            return image
 
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0) -> mi.TensorXf:
-        with dr.resume_grad():
+        with ONE_AT_A_TIME, dr.resume_grad():
             image = self.developed(scene, _sensor(scene, sensor), seed, spp, derivative=True)
             # the tangent of what a parameter was computed to stays for the next render of the same graph
             dr.forward_to(image, flags=dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad)
@@ -111,14 +113,15 @@ class SplatIntegrator(ADIntegrator):
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
         sensor = _sensor(scene, sensor)
-        passes = self._passes(scene, sensor, seed, spp)
-        with dr.resume_grad():
-            if len(passes) == 1:
-                image = self.developed(scene, sensor, seed, spp, derivative=True)
-                backward([image], [grad_in])
-            else:
-                self._backward_by_passes(scene, sensor, passes, grad_in)
-        dr.eval()
+        with ONE_AT_A_TIME:
+            passes = self._passes(scene, sensor, seed, spp)
+            with dr.resume_grad():
+                if len(passes) == 1:
+                    image = self.developed(scene, sensor, seed, spp, derivative=True)
+                    backward([image], [grad_in])
+                else:
+                    self._backward_by_passes(scene, sensor, passes, grad_in)
+            dr.eval()
 
     # --- passes ---
 

@@ -19,7 +19,6 @@ MIP = "compensate opacities for the screen-space low-pass filter"
 NEAR = "primitives nearer to the camera plane are dropped, world units"
 Antialiased = Annotated[bool, Setting(MIP)]
 FILE = "(default: as the file says)"
-OF_RUN = "of a run folder, as it was trained)"
 
 
 @dataclass(frozen=True)
@@ -32,9 +31,9 @@ class PictureOptions:
     Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed.
     """
 
-    downscale: Annotated[int | None, Setting(f"{SHRINK} (default: 1; {OF_RUN}", least=1)] = None
+    downscale: Annotated[int | None, Setting(f"{SHRINK} (default: 1)", least=1)] = None
     background: Annotated[
-        str | None, Setting(f"{BEHIND}; random: as auto (default: auto; {OF_RUN}", choices=BACKGROUNDS)
+        str | None, Setting(f"{BEHIND}; random: as auto (default: auto)", choices=BACKGROUNDS)
     ] = None
     antialiased: Annotated[bool | None, Setting(f"{MIP} {FILE}")] = None
     near_clip: Annotated[float | None, Setting(f"{NEAR} {FILE}", least=0, most=1e30)] = None

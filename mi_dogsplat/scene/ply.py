@@ -187,6 +187,9 @@ def _read_index(reader: TableReader, table: Array, element: str, n_splats: int, 
     return index, order
 
 
+LAYOUTS = "3dgs", "rows"
+
+
 def write_ply(
     path: str | Path, splats: Splats, layout: Literal["3dgs", "rows"] = "3dgs", comments: Sequence[str] = ()
 ) -> None:
@@ -200,10 +203,12 @@ def write_ply(
         comments: lines for the header, such as ``drawing.comments_of`` makes.
 
     Raises ``DataError`` when the place cannot be written, or a value is not finite (nobody could read it), and
-    ``ValueError`` for primitives that are no ``Splats``.
+    ``ValueError`` for primitives that are no ``Splats`` and a layout of another name.
     """
     if not isinstance(splats, Splats):
         raise ValueError(f"write_ply: primitives are Splats, not {type(splats).__name__}; write_model writes a Model")
+    if layout not in LAYOUTS:
+        raise ValueError(f'write_ply: layout "{layout}" is unknown; use {" or ".join(LAYOUTS)}')
     path = Path(path)
     if layout == "3dgs" and splats.mixed_sh:
         splats = splats.uniform_sh()

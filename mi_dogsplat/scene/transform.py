@@ -32,17 +32,19 @@ AFFINE = 1e-5  # by which the last row of a matrix may be off
 def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     """(rotation or rotoreflection [3,3], scale, translation [3]) of a 4x4 matrix.
 
-    Raises ``ValueError`` unless the matrix is such an isometry, a uniform positive scale and a translation.
+    Raises ``ValueError`` unless the matrix is such an isometry, a uniform positive scale and a translation, all finite.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     check_affine(matrix)
     linear, translation = matrix[:3, :3], matrix[:3, 3]
-    det = np.linalg.det(linear) if np.isfinite(matrix).all() else 0.0
+    if not np.isfinite(matrix).all():
+        raise ValueError("a model cannot be moved: this matrix is not finite")
+    det = np.linalg.det(linear)
     scale = float(np.cbrt(abs(det)))
     if det == 0 or not np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
         raise ValueError(
             "a model can be rotated, mirrored, scaled uniformly and translated here; this matrix shears, stretches or "
-            "collapses it"
+            "collapses it; load the shape with it, or give a rotation an axis of length 1"
         )
     return linear / scale, scale, translation
 

@@ -62,8 +62,8 @@ class SplatTracer:
 
         In any order. Where it falls below the cutoff of the transmittance it is 0. 1 in lanes that are not active.
         """
-        if self._scene is None:
-            return dr.full(mi.Float, 1, dr.width(ray))
+        if self._scene is None or not _count(ray):
+            return dr.full(mi.Float, 1, _count(ray))
         tree, primitives = self._scene
         return asked_transmittance(Query(tree, self.options, rays_of(ray, active, tree)), primitives)
 
@@ -74,8 +74,13 @@ class SplatTracer:
         walk stops before the primitive that would take the transmittance below the cutoff. (0, 1) in lanes that are not
         active.
         """
-        if self._scene is None:
-            return mi.Color3f(dr.zeros(mi.Float, dr.width(ray))), dr.full(mi.Float, 1, dr.width(ray))
+        if self._scene is None or not _count(ray):
+            return mi.Color3f(dr.zeros(mi.Float, _count(ray))), dr.full(mi.Float, 1, _count(ray))
         tree, primitives = self._scene
         colors, T = asked_colors(Query(tree, self.options, rays_of(ray, active, tree)), primitives)
         return mi.Color3f(*colors), T
+
+
+def _count(ray: mi.Ray3f) -> int:
+    """Number of rays; 0 also where what is the same for all of them is one number."""
+    return dr.width(ray) if dr.width(ray.o) and dr.width(ray.d) else 0

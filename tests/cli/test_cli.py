@@ -185,6 +185,14 @@ def test_the_help_of_a_command_shows_examples_that_parse(capsys, command, monkey
         assert len(line) <= 110
 
 
+def test_only_what_takes_a_run_folder_speaks_of_its_settings(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    texts = {command: run(capsys, command, "--help")[1] for command in COMMANDS}
+    told = {command for command, text in texts.items() if "of a run folder, as it was trained" in text}
+    assert told == {"film", "view"}
+    assert "auto: grey" in texts["simplify"] and "images with alpha" not in texts["simplify"]
+
+
 def test_the_help_of_the_program_names_every_command_a_first_run_and_exit_codes(capsys):
     status, text, _ = run(capsys, "--help")
     assert status == 0

@@ -5,7 +5,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat import Drawing, Model, write_model
+from mi_dogsplat import Drawing, Model, Splats, write_model
 from mi_dogsplat.scene.cameras import Camera
 from splat_scenes import random_splats, rounded, sensor_dict
 
@@ -64,6 +64,22 @@ def test_files_that_disagree_are_refused_by_name_unless_the_property_decides(wri
 def test_a_file_that_says_nothing_goes_along(write):
     both = [write("a.ply", antialiased=True), write("b.ply")]
     assert np.array_equal(image(both), image([write("c.ply"), write("b.ply")], {"antialiased": True}))
+
+
+@pytest.mark.parametrize("first", ["linear", "silent"])
+def test_the_colours_of_a_file_that_says_nothing_are_srgb_also_beside_linear_ones(write, first):
+    files = {"linear": write("a.ply", linear=True), "silent": write("b.ply")}
+    both = [files.pop(first), *files.values()]
+    with pytest.raises(RuntimeError, match='linear .* set "srgb_primitives" of the integrator') as caught:
+        image(both)
+    assert "a.ply" in str(caught.value) and "b.ply" in str(caught.value)
+    assert image(both, {"srgb_primitives": False}).max() > 0
+
+
+def test_a_shape_without_primitives_has_no_colours_to_disagree_in(write):
+    says = write("a.ply", linear=True)
+    write_model(says.parent / "empty.ply", Model(Splats.empty(0)))
+    assert np.array_equal(image([says.parent / "empty.ply", says]), image([says]))
 
 
 def test_the_near_clip_of_a_file_is_in_its_units(write):

@@ -6,7 +6,10 @@ samples change nothing; and a dict cannot be written as XML, because Mitsuba kno
 """
 
 import gc
+import threading
+import time
 import traceback
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import drjit as dr
@@ -190,6 +193,32 @@ def test_what_dr_freeze_cannot_record_is_refused_in_one_line(image, no_collectio
         assert problem in "".join(traceback.format_exception(failed.value))  # Dr.Jit and Mitsuba wrap it
     params.update()
     np.testing.assert_array_equal(mi.render(scene).numpy(), image)
+
+
+@pytest.mark.parametrize("integrator", ["dogsplat", "dogpath"])
+@pytest.mark.parametrize(("mode", "others"), [("render", 0), ("render_forward", 1), ("render_backward", 2)])
+def test_renders_of_several_threads_take_turns(integrator, mode, others, monkeypatch):
+    """At once they end the process now and then: so who is in there is counted, in place of what is done there."""
+    scenes: Any = [scene_of(MODEL, CAMERA, type=integrator) for _ in range(2)]
+    inside, counts, together = [], [], threading.Barrier(2, timeout=10)
+
+    def attended(self, *_):
+        inside.append(self)
+        counts.append(len(inside))
+        time.sleep(0.05)
+        inside.pop()
+        raise ArithmeticError
+
+    monkeypatch.setattr(type(scenes[0].integrator()), "_passes", attended)
+
+    def drawn(scene) -> None:
+        together.wait()
+        with pytest.raises(ArithmeticError):
+            getattr(scene.integrator(), mode)(scene, *[None] * others)
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(drawn, scenes))
+    assert counts == [1, 1]
 
 
 def test_parameters_can_be_kept_by_pattern_and_names_unknown_are_refused():

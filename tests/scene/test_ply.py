@@ -227,3 +227,9 @@ def test_values_that_are_not_finite_are_not_written(tmp_path):
     with pytest.raises(DataError, match='not finite: 2, the first "scale_1" in row 2 of the element "vertex"; nothing'):
         write_ply(tmp_path / "a.ply", splats)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_layout_of_another_name_is_refused_and_writes_nothing(tmp_path):
+    with pytest.raises(ValueError, match='layout "row" is unknown; use 3dgs or rows'):
+        write_ply(tmp_path / "a.ply", random_splats(), layout="row")  # pyright: ignore[reportArgumentType]
+    assert not any(tmp_path.iterdir())

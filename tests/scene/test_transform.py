@@ -130,10 +130,19 @@ def test_a_mirror_image_is_a_similarity_too():
 
 
 @pytest.mark.parametrize("linear", [np.diag([1.0, 1, 2]), np.diag([2.0, 1, -1]), np.zeros((3, 3)),
-                                    np.eye(3) + np.eye(3, k=1) / 2, np.diag([1, 1, np.nan])])
+                                    np.eye(3) + np.eye(3, k=1) / 2])
 def test_shears_stretches_and_collapses_are_no_similarities(linear):
-    with pytest.raises(ValueError, match="shears, stretches or collapses"):
+    with pytest.raises(ValueError, match="shears, stretches or collapses it; load the shape with it"):
         decompose_similarity(similarity(1, linear))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("column", [1, 3])
+def test_a_matrix_that_is_not_finite_is_called_so(value, column):
+    matrix = similarity()
+    matrix[1, column] = value
+    with pytest.raises(ValueError, match="a model cannot be moved: this matrix is not finite"):
+        decompose_similarity(matrix)
 
 
 @pytest.mark.parametrize("row", [(0, 0, 0, 2), (0, 0, 0.1, 1), (0, 0, 0, 0), (0, np.nan, 0, 1)])

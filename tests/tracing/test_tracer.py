@@ -89,6 +89,16 @@ def test_lanes_that_are_not_active_gather_nothing(mixture, n):
     assert not nowhere.any() and (T_nowhere == 1).all()
 
 
+@pytest.mark.parametrize("towards", [[], [1.0]], ids=["no directions", "one direction"])
+@pytest.mark.parametrize("n", [0, 2])
+def test_no_rays_gather_nothing(mixture, n, towards):
+    """As when all paths have ended."""
+    tracer = tracer_of(mixture.select(np.arange(n)))
+    ray = mi.Ray3f(mi.Point3f(mi.Float([])), mi.Vector3f(mi.Float(towards), 0, 0))
+    colors, T = tracer.gather(ray)
+    assert [len(values) for values in (*colors, T, tracer.transmittance(ray))] == [0] * 5
+
+
 @pytest.mark.parametrize("n", [0, 1, 2, 3])
 def test_models_of_few_primitives(n):
     splats = rounded(random_splats(max(n, 1), seed=5, dog_share=0)).select(np.arange(n))

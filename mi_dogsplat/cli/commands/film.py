@@ -10,7 +10,7 @@ from ...render.picture_options import PictureOptions
 from ...support.variants import set_variant
 from ...support.wording import counted
 from ...training.config import TrainConfig
-from ..flags import MODEL_HELP, add_settings, given_settings
+from ..flags import MODEL_HELP, OF_RUN, add_settings, given_settings
 
 SUMMARY = "a model along a camera path, to a video or pictures"
 EXAMPLES = """
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--data", metavar="DATA", help="data set whose cameras the path follows (default: that of the run)"
     )
     add_settings(parser, FilmConfig)
-    add_settings(parser, PictureOptions, ["background", "antialiased", "near_clip", "linear", "white"])
+    add_settings(parser, PictureOptions, ["background", "antialiased", "near_clip", "linear", "white"], OF_RUN)
     add_settings(parser, TrainConfig, ["variant"])
 
 

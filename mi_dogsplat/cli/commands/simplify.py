@@ -27,13 +27,15 @@ seen, and the merged model is fitted to what they see of the old one. PSNR is me
 pictures have a grey background, so that nothing hides in it; --background black or white fits to that alone.
 """
 
+BEHIND = "black, white, auto: grey; random: as auto (default: auto)"  # these renders have no photographs
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join(FORMATS))
     add_settings(parser, SimplifyConfig)
-    add_settings(parser, PictureOptions, ["background", "antialiased", "near_clip"])
+    add_settings(parser, PictureOptions, ["background", "antialiased", "near_clip"], {"background": BEHIND})
     add_settings(parser, TrainConfig, ["variant"])
 
 

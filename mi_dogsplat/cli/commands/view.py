@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...render.picture_options import PictureOptions
 from ...support.variants import set_variant
-from ..flags import MODEL_HELP, add_picture_flags, given_settings
+from ..flags import MODEL_HELP, OF_RUN, add_picture_flags, given_settings
 from ..printing import say
 
 SUMMARY = "a model, or a run while it trains, in the browser"
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--data", metavar="DATA", help="photographs to compare with (default: those of the run)")
     parser.add_argument("--host", default="127.0.0.1", metavar="NAME", help="address to listen on (default: 127.0.0.1)")
     parser.add_argument("--port", type=int, default=8080, metavar="N", help="port to listen on (default: 8080)")
-    add_picture_flags(parser)
+    add_picture_flags(parser, said=OF_RUN)
 
 
 def run(args: argparse.Namespace) -> None:
