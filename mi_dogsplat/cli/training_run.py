@@ -58,10 +58,12 @@ def shown_training(steps: int, split: str = TrainConfig.split) -> Iterator[Calla
 
 
 def _say_what_is_not_read(config: TrainConfig) -> None:
+    from ..datasets.numbered_models import other_models
     from ..datasets.transforms import not_read
 
+    data = Path(config.data)
     try:
-        lines = [] if config.masks else not_read(Path(config.data))
+        lines = other_models(data) + ([] if config.masks else not_read(data))
     except DataError:  # the training says so itself, once it has looked at its model
         return
     for line in lines:

@@ -29,10 +29,12 @@ MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 
 def find_model(path: Path) -> Path | None:
     """The first folder below ``path`` that holds a COLMAP model, or None."""
-    for folder in MODEL_FOLDERS:
-        if _file(path / folder, "cameras") and _file(path / folder, "images"):
-            return (path / folder).resolve()
-    return None
+    return next(((path / folder).resolve() for folder in MODEL_FOLDERS if is_model(path / folder)), None)
+
+
+def is_model(folder: Path) -> bool:
+    """Whether a folder holds cameras and images of COLMAP."""
+    return bool(model_file(folder, "cameras") and model_file(folder, "images"))
 
 
 def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = "test") -> Dataset:
@@ -69,7 +71,7 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
 
 def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[ColmapImage]]:
     """Views of a model in the order of their image names, before images are read. Raises ``DataError``."""
-    camera_file, image_file = _file(model, "cameras"), _file(model, "images")
+    camera_file, image_file = model_file(model, "cameras"), model_file(model, "images")
     assert camera_file and image_file
     cameras = read_cameras(camera_file)
     images = sorted(read_images(image_file), key=lambda image: image.name)
@@ -94,20 +96,20 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
 
 def read_positions(model: Path) -> dict[str, np.ndarray]:
     """Camera centres [3] of a model in world space, by view name, whatever its lenses are. Raises ``DataError``."""
-    file = _file(model, "images")
+    file = model_file(model, "images")
     assert file
     return {view_name(image.name): inverse_rigid(image.w2c)[:3, 3] for image in read_images(file)}
 
 
 def read_model_points(model: Path) -> ColmapPoints:
     """Sparse points of a model; none where it has no ``points3D`` file. Raises ``DataError``."""
-    file = _file(model, "points3D")
+    file = model_file(model, "points3D")
     if file is None:
         return ColmapPoints(np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32))
     return read_points(file)
 
 
-def _file(model: Path, stem: str) -> Path | None:
+def model_file(model: Path, stem: str) -> Path | None:
     """``stem.bin`` or else ``stem.txt`` in the model folder."""
     return next((file for suffix in (".bin", ".txt") if (file := model / (stem + suffix)).is_file()), None)
 

@@ -100,9 +100,10 @@ def _unknown(path: Path) -> DataError:
 
 def _is_dataset(folder: Path) -> bool:
     from ..datasets.colmap import find_model  # here: data sets need the extra "train", models and runs do not
+    from ..datasets.numbered_models import numbered_models
     from ..datasets.transforms import find_transforms
 
-    return bool(find_model(folder) or find_transforms(folder))
+    return bool(find_model(folder) or find_transforms(folder) or numbered_models(folder))  # of these the reader tells
 
 
 def describe_model(path: Path) -> list[str]:
@@ -210,6 +211,7 @@ def _whole(value: Any) -> Any:
 def describe_dataset(path: Path) -> list[str]:
     """Views, split, points, and whether cameras and points agree."""
     from ..datasets import check_cameras, load_dataset  # here: see ``_is_dataset``
+    from ..datasets.numbered_models import other_models
     from ..datasets.transforms import not_read
 
     dataset = load_dataset(path, spp=SCENE_SPP, on_disk=True)
@@ -231,7 +233,7 @@ def describe_dataset(path: Path) -> list[str]:
         lines.append(line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)"))
     if check.reprojection_px is not None:
         lines.append(line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
-    return lines + [line("not read", text) for text in not_read(path)]
+    return lines + [line("not read", text) for text in (*other_models(path), *not_read(path))]
 
 
 def _numbers(values: np.ndarray) -> str:
