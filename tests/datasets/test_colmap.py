@@ -1,5 +1,7 @@
 """COLMAP folders: layouts, encodings, smaller images, lenses, and one line for each kind of damage."""
 
+import struct
+
 import numpy as np
 import pytest
 from dataset_folders import HEIGHT, N_VIEWS, WIDTH, colmap_folder, error_of, write_images
@@ -71,8 +73,11 @@ def test_distortion_of_zero_is_a_pinhole_and_a_lens_that_is_not_known_asks_for_t
     assert (view.camera.fx, view.camera.width, view.camera.height) == (20, WIDTH, HEIGHT)
     colmap_folder(tmp_path, camera="THIN_PRISM_FISHEYE", params=(20, 20, 10.5, 7.5, *[0.0] * 8))
     assert "THIN_PRISM_FISHEYE, which is none of SIMPLE_PINHOLE" in error_of(tmp_path)
-    colmap_folder(tmp_path, camera="FULL_OPENCV", params=(20, 20, 10.5, 7.5, *[0.01] * 8))
-    assert "FULL_OPENCV with" in error_of(tmp_path) and "image_undistorter" in error_of(tmp_path)
+    colmap_folder(tmp_path, text=False)
+    file = tmp_path / "sparse" / "0" / "cameras.bin"
+    file.write_bytes(file.read_bytes().replace(struct.pack("<ii", 7, 1), struct.pack("<ii", 7, 10)))
+    assert "the model THIN_PRISM_FISHEYE, which is none of" in error_of(tmp_path)
+    assert "image_undistorter" in error_of(tmp_path)
 
 
 @pytest.mark.parametrize("file", ["cameras.bin", "images.bin", "points3D.bin"])
