@@ -118,6 +118,18 @@ def test_a_damaged_text_model_is_one_line(tmp_path, file, old, new, expected):
     assert expected in error_of(tmp_path)
 
 
+def test_images_without_a_line_for_their_points_are_told_what_is_missing(tmp_path):
+    """As people write them who know the poses."""
+    colmap_folder(tmp_path)
+    path = tmp_path / "sparse" / "0" / "images.txt"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(line for line in lines if line.endswith(".png")))
+    said = 'line 2 is of an image, and not of the points that "img_09.png" sees; put an empty line after that of each'
+    assert said in error_of(tmp_path)
+    path.write_text("\n".join(f"{line}\n" for line in lines if line.endswith(".png")))
+    assert len(load_dataset(tmp_path).views) == N_VIEWS
+
+
 def test_a_model_without_images_or_without_points_says_so_or_loads(tmp_path):
     colmap_folder(tmp_path)
     (tmp_path / "sparse/0/points3D.txt").unlink()
