@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import IMAGELENGTH, IMAGEWIDTH, TiffImageFile
 
 from ..support.errors import DataError
@@ -37,6 +37,7 @@ BACK = {
     Image.Transpose.ROTATE_270: Image.Transpose.ROTATE_90,
 }  # what undoes a turn; each of the others undoes itself
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
+PHONES = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIF", b"avif": "AVIF"}  # by the brand of ISO/IEC 14496-12
 Image.init()  # makes all formats known: by itself Pillow does so when the first few have failed
 UNREADABLE = (
     OSError,
@@ -58,9 +59,24 @@ def is_file(path: Path) -> bool:
 def open_image(path: Path) -> Iterator[Image.Image]:
     """An image whose pixels are not read yet. Raises one of ``UNREADABLE``, also for a decompression bomb."""
     # not by its name: Pillow would map the file to memory, with width and height of a turned TIFF exchanged
-    with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
-        require_photograph(image.width, image.height, path.stat().st_size)
-        yield image
+    with path.open("rb") as file:
+        try:
+            opened = Image.open(file, formats=FORMATS)
+        except UnidentifiedImageError:
+            file.seek(0)
+            raise ValueError(_unidentified(file.read(16))) from None
+        with opened as image:
+            require_photograph(image.width, image.height, path.stat().st_size)
+            yield image
+
+
+def _unidentified(head: bytes) -> str:
+    """What a file of none of the ``FORMATS`` is, by its first 16 bytes."""
+    if not head:
+        return "it is empty"
+    if head[4:8] == b"ftyp" and head[8:12] in PHONES:
+        return f"it is {PHONES[head[8:12]]}: export it as JPEG or PNG"
+    return f"it is no {', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
 
 
 def stored(image: Image.Image) -> Image.Image:
