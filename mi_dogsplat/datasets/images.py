@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
+from unicodedata import normalize
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
@@ -38,6 +40,7 @@ BACK = {
 }  # what undoes a turn; each of the others undoes itself
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
 PHONES = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIF", b"avif": "AVIF"}  # by the brand of ISO/IEC 14496-12
+FORMS: tuple[Literal["NFC", "NFD"], ...] = ("NFC", "NFD")  # of Unicode: letters with their marks, or both apart
 Image.init()  # makes all formats known: by itself Pillow does so when the first few have failed
 UNREADABLE = (
     OSError,
@@ -53,6 +56,18 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):
         return False
+
+
+def named_file(folder: Path, name: str | Path) -> Path:
+    """The file of a folder that a data set names; where there is none so spelt, one with the same letters.
+
+    macOS takes "ü" apart into "u" and two dots, other systems and many tools do not.
+    """
+    path = folder / name
+    if is_file(path) or str(name).isascii():
+        return path
+    others = (folder / normalize(form, str(name)) for form in FORMS)
+    return next((other for other in others if is_file(other)), path)
 
 
 @contextmanager

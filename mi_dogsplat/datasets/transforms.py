@@ -20,7 +20,7 @@ from ..support.files import read_json
 from .check import require_plausible
 from .colmap import find_model, read_model_points, read_positions
 from .dataset import Dataset, every_eighth, held_out, no_points, require_unique_names, view_name, views_named
-from .images import image_size, is_file
+from .images import image_size, is_file, named_file
 from .lens import Lens
 from .point_colors import in_srgb
 from .point_ply import read_point_ply
@@ -177,9 +177,9 @@ def _merged(shared: dict[str, Any], frame: dict[str, Any]) -> dict[str, Any]:
 def _image_path(folder: Path, name: str) -> Path:
     """The image that ``file_path`` names, which may omit the extension; the name as given if there is
     none."""
-    path = folder / name.replace("\\", "/")
-    candidates = (path.parent / (path.name + extension) for extension in EXTENSIONS)
-    return next((candidate for candidate in candidates if is_file(candidate)), path)
+    path = Path(name.replace("\\", "/"))
+    candidates = (named_file(folder, path.parent / (path.name + extension)) for extension in EXTENSIONS)
+    return next((candidate for candidate in candidates if is_file(candidate)), folder / path)
 
 
 def _named_in(file: Path, content: dict[str, Any], sources: list[ViewSource], key: str) -> set[str]:

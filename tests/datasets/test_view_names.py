@@ -1,10 +1,13 @@
 """Names of views that share an output file are refused as the data are read, before hours of training."""
 
 import json
+from unicodedata import normalize
 
 import pytest
+from dataset_folders import colmap_folder, transforms_folder, write_images
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import PICTURE_ENDS, require_unique_names, view_name
+from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.support.errors import DataError
 
 
@@ -42,3 +45,20 @@ def test_a_data_set_is_refused_as_it_is_read(data, tmp_path):
     (tmp_path / "transforms.json").write_text(json.dumps(content))
     with pytest.raises(DataError, match='"a" and "a_gt"'):
         load_dataset(tmp_path)
+
+
+@pytest.mark.parametrize(("told", "on_disk"), [("NFC", "NFD"), ("NFD", "NFC")])
+@pytest.mark.parametrize("kind", ["colmap", "transforms"])
+def test_letters_with_marks_are_found_however_systems_spell_them(tmp_path, kind, told, on_disk):
+    """Names go from macOS, which takes letters and marks apart, to other systems, and back; those of masks do, too."""
+    colmap_folder(tmp_path) if kind == "colmap" else transforms_folder(tmp_path)
+    old = "img_03" if kind == "colmap" else "r_1"
+    for text in [tmp_path / "sparse" / "0" / "images.txt"] if kind == "colmap" else [tmp_path / "transforms.json"]:
+        content = text.read_text(encoding="utf-8").replace(old, normalize(told, "Büste"))
+        text.write_text(content, encoding="utf-8")
+    (tmp_path / "images" / f"{old}.png").rename(tmp_path / "images" / f"{normalize(on_disk, 'Büste')}.png")
+    views = load_dataset(tmp_path).views
+    (view,) = [view for view in views if normalize("NFC", view.name) == "Büste"]
+    write_images(tmp_path / "masks", [f"{normalize(on_disk, 'Büste')}.png"], color=(0, 0, 0))
+    mask = Masks(tmp_path / "masks", [view]).of(view)
+    assert mask is not None and not mask.any()
