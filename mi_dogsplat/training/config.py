@@ -17,6 +17,7 @@ FROM_RECIPE: Any = None  # a default that the preset decides on when the configu
 PRUNING_PRESETS = "use " + " or ".join(name for name in RECIPES if RECIPES[name].pruning)
 # may change from one start of a run to the next, as no result depends on them
 FREE = ("checkpoint_seconds", "memory", "up", "scale", "unit")
+FREE_TO_RESUME = (*FREE, "data_on_disk")  # as the numbers of images are the same from there
 PRESETS = (
     "recipe: ours; ours_slopes (with colours that vary over their primitives); ours_cuts (and planes that cut them "
     "off); ours_preconditioned (and preconditioned steps); ours_second_cuts (and a second plane for each); "
