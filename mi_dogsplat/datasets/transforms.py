@@ -30,6 +30,7 @@ NAME = "view_name"  # ours: of a frame that is named otherwise than by its file,
 MASK = "mask_path"  # nerfstudio's, of a frame
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".exr")
 LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+FULL = "FULL_OPENCV"
 FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular")  # of instant-ngp, each told by a key of its own
 UNDISTORT = "undistort the images first (for instance with COLMAP's image_undistorter)"
@@ -218,16 +219,18 @@ def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
 
 
 def _lens(file: Path, frame: dict[str, Any]) -> Lens:
-    """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them."""
+    """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them, or FULL_OPENCV's."""
     model = next((key for key in OTHER_LENSES if frame.get(key, False) is not False), None)
     model = model or frame.get("camera_model", "PINHOLE")
     fisheye = bool(frame.get("is_fisheye")) or model in FISHEYES
     k, p = ([_number(frame, f"{letter}{i}", 0) for i in range(1, n)] for letter, n in (("k", 7), ("p", 3)))
-    known = model in LENSES + FISHEYES or (model == "FULL_OPENCV" and not any(k + p))
+    if model == FULL and not fisheye:
+        return Lens(tuple(k[:3]), (p[0], p[1]), divisor=tuple(k[3:]))
+    known = model in LENSES + FISHEYES
     if not known or any(k[4:]) or (fisheye and any(p)):
-        named = ", ".join(LENSES + FISHEYES)
+        named = ", ".join((*LENSES, FULL, *FISHEYES))
         problem = f'"{frame["file_path"]}" has a lens {model} with k1 to k6 {k} and p1, p2 {p}'
-        known_ones = f"known are {named} with k1 to k4, and p1, p2 where it is no fisheye"
+        known_ones = f"known are {named} with k1 to k4, {FULL} to k6, and p1, p2 where it is no fisheye"
         raise DataError(file, f"{problem} ({known_ones})", UNDISTORT)
     return Lens(tuple(k[:4]), (p[0], p[1]), fisheye)
 

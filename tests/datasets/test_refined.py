@@ -14,6 +14,7 @@ from mi_dogsplat.support.errors import DataError
 LENSES = {
     "PINHOLE": (20, 21, 10.5, 7.5),
     "OPENCV": (20, 21, 10.5, 7.5, 0.05, 0.01, 0.002, -0.001),
+    "FULL_OPENCV": (20, 21, 10.5, 7.5, 0.05, 0.01, 0.002, -0.001, 0.003, 0.02, -0.01, 0.001),
     "OPENCV_FISHEYE": (20, 21, 10.5, 7.5, 0.02, 0.001, 0.0, 0.0),
 }
 
