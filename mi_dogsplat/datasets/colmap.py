@@ -19,7 +19,8 @@ from .check import require_plausible
 from .colmap_files import read_cameras, read_images, read_points
 from .colmap_records import ColmapImage, ColmapPoints
 from .dataset import Dataset, Observations, View, every_eighth, held_out, require_unique_names, view_name, views_named
-from .images import is_file, named_file
+from .image_files import image_files
+from .images import is_file
 from .lens import undistortion
 from .point_colors import in_srgb
 from .view_images import ViewSource, load_views, require_files
@@ -54,7 +55,8 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     read = [source.name in {*train, *test} for source in sources]
     sources, images = list(compress(sources, read)), list(compress(images, read))
     smaller = folder.with_name(f"images_{downscale}")
-    relocated = [replace(s, image_path=named_file(smaller, i.name)) for s, i in zip(sources, images, strict=True)]
+    there = image_files(smaller, [image.name for image in images])
+    relocated = [replace(source, image_path=file) for source, file in zip(sources, there, strict=True)]
     prescaled = downscale > 1 and all(is_file(source.image_path) for source in relocated)
     if not prescaled:
         require_files([source.image_path for source in sources])
@@ -80,7 +82,8 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
             image_file, "the model has no registered image", "run COLMAP's mapper until images register"
         )
     sources = []
-    for image in images:
+    files = image_files(images_at, [image.name for image in images])
+    for image, file in zip(images, files, strict=True):
         if image.camera_id not in cameras:
             raise DataError(
                 image_file,
@@ -89,7 +92,7 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
             )
         c = cameras[image.camera_id]
         camera = Camera(image.w2c, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
-        sources.append(ViewSource(view_name(image.name), named_file(images_at, image.name), camera, c.lens))
+        sources.append(ViewSource(view_name(image.name), file, camera, c.lens))
     require_unique_names(image_file, [source.name for source in sources])
     return sources, images
 

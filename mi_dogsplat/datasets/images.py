@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Literal
 from unicodedata import normalize
 
@@ -58,7 +58,7 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def named_file(folder: Path, name: str | Path) -> Path:
+def named_file(folder: Path, name: str | PurePath) -> Path:
     """The file of a folder that a data set names; where there is none so spelt, one with the same letters.
 
     macOS takes "ü" apart into "u" and two dots, other systems and many tools do not.

@@ -25,6 +25,34 @@ def test_colmap_layouts_and_both_encodings_give_the_same_views_points_and_observ
     assert check.color_difference is not None and check.color_difference < 1e-6
 
 
+@pytest.mark.parametrize("before", ["images/", "images\\", "/home/somebody/photos/", "C:\\photos\\of it\\", "left/"])
+@pytest.mark.parametrize("downscale", [1, 3])
+def test_images_are_found_by_the_last_part_of_a_path_that_leads_nowhere(tmp_path, before, downscale):
+    """As the loader of 3DGS finds them, and so what is made for it."""
+    colmap_folder(tmp_path)
+    write_images(tmp_path / "images_3", [f"img_{i:02d}.png" for i in range(N_VIEWS)], (7, 5), color=(0, 0, 255))
+    path = tmp_path / "sparse" / "0" / "images.txt"
+    path.write_text(path.read_text().replace("img_", f"{before}img_"))
+    dataset = load_dataset(tmp_path, downscale)
+    assert len(dataset.views) == N_VIEWS and dataset.train[0].camera.width == WIDTH // downscale
+    assert (dataset.train[0].image[0, 0, 2] == 1) == (downscale == 3)
+    (tmp_path / "images" / "img_04.png").unlink()
+    if downscale == 1:
+        assert f"img_04.png: image not found (1 of {N_VIEWS} are missing)" in error_of(tmp_path)
+
+
+def test_images_of_one_name_in_folders_that_are_not_there_are_not_mixed_up(tmp_path):
+    colmap_folder(tmp_path)
+    path = tmp_path / "sparse" / "0" / "images.txt"
+    names = {f"img_{i:02d}": f"camera_{i}/0" for i in range(N_VIEWS)}
+    text = path.read_text()
+    for old, new in names.items():
+        text = text.replace(old, new)
+    path.write_text(text)
+    write_images(tmp_path / "images", ["0.png"])
+    assert f"camera_0/0.png: image not found (10 of {N_VIEWS} are missing)" in error_of(tmp_path)
+
+
 def test_text_files_of_windows_are_read(tmp_path):
     colmap_folder(tmp_path, text=True)
     expected = load_dataset(tmp_path)
