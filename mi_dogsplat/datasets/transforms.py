@@ -116,6 +116,18 @@ def split_sources(
     return sources, train, test
 
 
+def read_frame_positions(file: Path) -> np.ndarray:
+    """Camera centres [V, 3] of the frames of a file whose poses are such. Raises ``DataError``."""
+    poses = (frame.get("transform_matrix") for frame in _parse(file)["frames"] if isinstance(frame, dict))
+    found = []
+    for pose in poses:
+        try:
+            found.append(np.array(pose, np.float64)[:3, 3])
+        except (ValueError, TypeError, IndexError):  # the reader tells
+            continue
+    return np.array(found).reshape(-1, 3)
+
+
 def not_read(path: Path) -> list[str]:
     """What the frames of a data set say and no reader follows, in lines; nothing of other data sets. Raises
     ``DataError``."""

@@ -211,6 +211,7 @@ def _whole(value: Any) -> Any:
 def describe_dataset(path: Path) -> list[str]:
     """Views, split, points, and whether cameras and points agree."""
     from ..datasets import check_cameras, load_dataset  # here: see ``_is_dataset``
+    from ..datasets.far_origin import far_from_origin
     from ..datasets.numbered_models import other_models
     from ..datasets.transforms import not_read
 
@@ -233,6 +234,7 @@ def describe_dataset(path: Path) -> list[str]:
         lines.append(line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)"))
     if check.reprojection_px is not None:
         lines.append(line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
+    lines += [line("origin", text) for text in far_from_origin(path)]
     return lines + [line("not read", text) for text in (*other_models(path), *not_read(path))]
 
 
