@@ -59,15 +59,16 @@ def is_file(path: Path) -> bool:
 
 
 def named_file(folder: Path, name: str | PurePath) -> Path:
-    """The file of a folder that a data set names; where there is none so spelt, one with the same letters.
+    """The file of a folder that a data set names; where there is none so spelt, one that other systems call the same.
 
-    macOS takes "ü" apart into "u" and two dots, other systems and many tools do not.
+    Windows and macOS tell no case of an extension, and macOS takes "ü" apart into "u" and two dots.
     """
-    path = folder / name
-    if is_file(path) or str(name).isascii():
-        return path
-    others = (folder / normalize(form, str(name)) for form in FORMS)
-    return next((other for other in others if is_file(other)), path)
+    if is_file(folder / name):
+        return folder / name
+    pure = PurePath(name)
+    cases = [pure, *(pure.with_suffix(suffix) for suffix in (pure.suffix.lower(), pure.suffix.upper()) if suffix)]
+    spelt = (folder / normalize(form, str(case)) for case in cases for form in FORMS)
+    return next((path for path in spelt if is_file(path)), folder / name)
 
 
 @contextmanager

@@ -191,8 +191,10 @@ def _image_path(folder: Path, name: str) -> Path:
     """The image that ``file_path`` names, which may omit the extension; the name as given if there is
     none."""
     path = Path(name.replace("\\", "/"))
-    candidates = (named_file(folder, path.parent / (path.name + extension)) for extension in EXTENSIONS)
-    return next((candidate for candidate in candidates if is_file(candidate)), folder / path)
+    named = [path.parent / (path.name + extension) for extension in EXTENSIONS]
+    if exact := next((folder / one for one in named if is_file(folder / one)), None):
+        return exact
+    return next((file for one in named if is_file(file := named_file(folder, one))), folder / path)
 
 
 def _named_in(file: Path, content: dict[str, Any], sources: list[ViewSource], key: str) -> set[str]:

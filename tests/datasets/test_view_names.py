@@ -62,3 +62,28 @@ def test_letters_with_marks_are_found_however_systems_spell_them(tmp_path, kind,
     write_images(tmp_path / "masks", [f"{normalize(on_disk, 'Büste')}.png"], color=(0, 0, 0))
     mask = Masks(tmp_path / "masks", [view]).of(view)
     assert mask is not None and not mask.any()
+
+
+@pytest.mark.parametrize("kind", ["colmap", "transforms"])
+def test_an_extension_of_another_case_is_the_same_as_on_the_system_of_the_capture(tmp_path, kind):
+    if kind == "colmap":
+        colmap_folder(tmp_path)
+        text, old = tmp_path / "sparse" / "0" / "images.txt", "img_03.png"
+    else:
+        transforms_folder(tmp_path)
+        text, old = tmp_path / "transforms.json", "r_1"
+    text.write_text(text.read_text().replace(old, old.partition(".")[0] + ".Png"))
+    before = len(load_dataset(tmp_path).views)
+    file = tmp_path / "images" / (old.partition(".")[0] + ".png")
+    file.rename(file.with_suffix(".PNG"))
+    assert len(load_dataset(tmp_path).views) == before
+
+
+def test_the_extension_that_is_left_out_is_a_lower_one_first(tmp_path):
+    """As it was before others were looked for."""
+    transforms_folder(tmp_path)
+    for file in (tmp_path / "images").iterdir():
+        file.rename(file.with_suffix(".PNG"))
+    write_images(tmp_path / "images", ["r_1.jpg"], color=(0, 0, 255))
+    image = next(view.image for view in load_dataset(tmp_path).views if view.name == "r_1")
+    assert image[0, 0, 2] > 0.9 and image[0, 0, 0] < 0.1
