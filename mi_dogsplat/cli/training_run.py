@@ -23,9 +23,9 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     with shown_training(config.steps, config.split) as show:
         metrics = train(config, out, show, resume)
     split = f"{config.split} views:" if metrics["test"] else f"training views (no {config.split} view is measured):"
-    print(split, metrics_line(metrics["test"] or metrics["train"]))
+    say(split + " " + metrics_line(metrics["test"] or metrics["train"]))
     size, time = file_size(metrics["bytes"]), duration(metrics["train_seconds"])
-    print(f"{counted(metrics['n'], 'primitive')}, {size}, {time} of training; {out / REPORT}")
+    say(f"{counted(metrics['n'], 'primitive')}, {size}, {time} of training; {out / REPORT}")
 
 
 @contextmanager
