@@ -52,7 +52,8 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     sources, images = read_sources(model, folder)
     points = read_model_points(model)
     train, test = held_out(*every_eighth([source.name for source in sources]), split)
-    read = [source.name in {*train, *test} for source in sources]
+    wanted = {*train, *test}
+    read = [source.name in wanted for source in sources]
     sources, images = list(compress(sources, read)), list(compress(images, read))
     smaller = folder.with_name(f"images_{downscale}")
     there = image_files(smaller, [image.name for image in images])

@@ -72,7 +72,8 @@ def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: st
     if not train:
         raise DataError(file, "no view is left for training", "name fewer test images")
     train, test = held_out(train, test, split)
-    read = [source for source in sources if source.name in {*train, *test}]
+    wanted = {*train, *test}
+    read = [source for source in sources if source.name in wanted]
     views, has_alpha = load_views(read, downscale, on_disk=on_disk)
     points, point_colors = _points(file, content, sources, [source.image_path for source in read])
     train, test = views_named(views, train), views_named(views, test)
@@ -97,6 +98,9 @@ def split_sources(
     if file.stem == "transforms_train" and test_file.is_file():
         test_sources = _sources(test_file, _parse(test_file))
         test_names = {source.name for source in test_sources}
+        for source in sources:
+            if source.name in test_names:
+                raise DataError(test_file, f'"{source.name}" is in {file.name} too', "remove it from one of the two")
         sources += test_sources
     else:
         sources.sort(key=lambda source: source.image_path)
@@ -104,7 +108,8 @@ def split_sources(
     if train_names:
         if train_names.isdisjoint(source.name for source in sources):
             raise DataError(file, '"train_filenames" names none of its images', "correct it, or remove it")
-        sources = [source for source in sources if source.name in train_names | test_names]
+        named = train_names | test_names
+        sources = [source for source in sources if source.name in named]
     names = [source.name for source in sources]
     if test_names:
         train = [name for name in names if name not in test_names]
@@ -191,10 +196,10 @@ def _image_path(folder: Path, name: str) -> Path:
     """The image that ``file_path`` names, which may omit the extension; the name as given if there is
     none."""
     path = Path(name.replace("\\", "/"))
-    named = [path.parent / (path.name + extension) for extension in EXTENSIONS]
-    if exact := next((folder / one for one in named if is_file(folder / one)), None):
+    named = [path.name + extension for extension in EXTENSIONS]
+    if exact := next((file for one in named if is_file(file := folder / path.parent / one)), None):
         return exact
-    return next((file for one in named if is_file(file := named_file(folder, one))), folder / path)
+    return next((file for one in named if is_file(file := named_file(folder, path.parent / one))), folder / path)
 
 
 def _named_in(file: Path, content: dict[str, Any], sources: list[ViewSource], key: str) -> set[str]:
