@@ -60,6 +60,10 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     relocated = [replace(source, image_path=file) for source, file in zip(sources, there, strict=True)]
     prescaled = downscale > 1 and all(is_file(source.image_path) for source in relocated)
     if not prescaled:
+        if not folder.is_dir():
+            factors = _smaller_ones(folder)
+            problem = f"no such folder, only images_{factors[0]}"
+            raise DataError(folder, problem, f"give --downscale {factors[0]}, or put the images at full size there")
         require_files([source.image_path for source in sources])
     views, has_alpha = load_views(relocated if prescaled else sources, downscale, prescaled, on_disk)
     observations = _observations(model, sources, images, views, points)
@@ -119,13 +123,21 @@ def model_file(model: Path, stem: str) -> Path | None:
 
 
 def image_folder(path: Path, model: Path) -> Path:
-    """``images`` in the given folder, or above it where the model folder itself was given. Raises
-    ``DataError``."""
+    """``images`` in the given folder, or above it where the model folder itself was given; it need not be there where
+    smaller images are, in ``images_K``. Raises ``DataError``."""
     above = (path.resolve(), *path.resolve().parents[:2]) if model == path.resolve() else (path,)
-    folder = next((parent / "images" for parent in above if (parent / "images").is_dir()), None)
+    folders = [parent / "images" for parent in above]
+    folder = next((folder for folder in folders if folder.is_dir()), None)
+    folder = folder or next((folder for folder in folders if _smaller_ones(folder)), None)
     if folder is None:
         raise DataError(path / "images", "no such folder", "put the images of the COLMAP model there")
     return folder
+
+
+def _smaller_ones(folder: Path) -> list[int]:
+    """By which factors there are folders of smaller images beside that of the images, in their order."""
+    names = (path.name.removeprefix("images_") for path in folder.parent.glob("images_*") if path.is_dir())
+    return sorted(int(name) for name in names if name.isdecimal())
 
 
 def _observations(

@@ -1,5 +1,6 @@
 """COLMAP folders: layouts, encodings, smaller images, lenses, and one line for each kind of damage."""
 
+import shutil
 import struct
 
 import numpy as np
@@ -23,6 +24,21 @@ def test_colmap_layouts_and_both_encodings_give_the_same_views_points_and_observ
     check = check_cameras(dataset)
     assert check.reprojection_px is not None and check.reprojection_px < 1e-5
     assert check.color_difference is not None and check.color_difference < 1e-6
+
+
+def test_smaller_images_do_without_those_at_full_size(tmp_path):
+    """Of large captures people keep no others."""
+    colmap_folder(tmp_path)
+    write_images(tmp_path / "images_3", [f"img_{i:02d}.png" for i in range(N_VIEWS)], (7, 5), color=(0, 0, 255))
+    expected = load_dataset(tmp_path, 3)
+    shutil.rmtree(tmp_path / "images")
+    for path in (tmp_path, tmp_path / "sparse" / "0"):
+        found = load_dataset(path, 3)
+        assert [view.name for view in found.views] == [view.name for view in expected.views]
+        assert found.train[0].camera.width == 7
+    for downscale in (1, 2):
+        said = "images: no such folder, only images_3; give --downscale 3, or put the images at full size there"
+        assert said in error_of(tmp_path, downscale=downscale)
 
 
 @pytest.mark.parametrize("before", ["images/", "images\\", "/home/somebody/photos/", "C:\\photos\\of it\\", "left/"])
