@@ -26,9 +26,14 @@ from .view_images import ViewSource
 
 
 def require_photographs(path: Path) -> None:
-    """Raise ``DataError`` for data whose poses are exact by their making: those of a Mitsuba scene."""
+    """Raise ``DataError`` for data whose poses are exact by their making, those of a Mitsuba scene, and for a folder of
+    smaller images alone, as refined poses are a data set of those at full size."""
     if path.suffix == ".xml":
         raise DataError(path, "the cameras of a scene are exact", "train without --refine-poses")
+    model = find_model(path) if path.is_dir() else None
+    if model and not (folder := image_folder(path, model)).is_dir():
+        remedy = "put the images there, or train without --refine-poses"
+        raise DataError(folder, "no such folder, and refined poses are those of its images", remedy)
 
 
 def write_refined(folder: Path, dataset: Dataset, data: Path, moved: Mapping[str, np.ndarray]) -> None:
