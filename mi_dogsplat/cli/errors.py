@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from ..runs.stopping import Stopped, stopped_with
 from ..support.errors import DataError
@@ -58,5 +58,6 @@ def one_line_errors(run: Callable[[], int | None], extra: str = "train", program
             raise
         place = f"{error.filename}: " if error.filename else ""
         status, line = 2, f"{place}{error.strerror}; check the place, its permissions and its space"
-    print(f"{program}: {line}", file=sys.stderr)
+    with suppress(OSError):  # of a terminal that was closed
+        print(f"{program}: {line}", file=sys.stderr)
     return status

@@ -18,7 +18,7 @@ photos/ is a COLMAP folder (images/ and sparse/0), a folder with transforms.json
 transforms_train.json (NeRF synthetic), or a Mitsuba scene XML; for plain images or a video poses are found
 first (dogsplat poses). run/report.html tells how it went.
 Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect,
-or a run of dogsplat compare failed; 130 stopped by Ctrl-C, 143 by SIGTERM.
+or a run of dogsplat compare failed; 130 stopped by Ctrl-C, 143 by SIGTERM, 129 by the end of its terminal.
 """
 
 

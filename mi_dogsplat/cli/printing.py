@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,5 +68,9 @@ def size_line(out: Path, n_splats: int, model: Path) -> str:
 
 
 def say(line: str) -> None:
-    """Print it at once, also where a program reads it."""
-    print(line, flush=True)
+    """Print it at once, also where a program reads it. Where nobody does any more, as after a terminal was closed, the
+    work that it is about goes on without a word."""
+    try:
+        print(line, flush=True)
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

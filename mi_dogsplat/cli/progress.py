@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from .printing import say
+
 
 class Bar:
     """``with Bar("step") as bar``: it appears with the first ``show``, so that an error before it is a single line."""
@@ -33,7 +35,7 @@ class Bar:
         """
         if self._bar is None:
             if first:
-                print(first, flush=True)
+                say(first)
             # what was done before it appears, as by a start that this one resumes, tells nothing of the speed
             self._bar = self._make(total=total or None, initial=done, **self._options)
         self._bar.update(done - self._bar.n)

@@ -19,13 +19,13 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     from ..report.run_folder import REPORT
     from ..runs.run import train
 
-    _say_what_is_not_read(config)
+    _say_what_is_known_before(config)
     with shown_training(config.steps, config.split) as show:
         metrics = train(config, out, show, resume)
     split = f"{config.split} views:" if metrics["test"] else f"training views (no {config.split} view is measured):"
-    print(split, metrics_line(metrics["test"] or metrics["train"]))
+    say(split + " " + metrics_line(metrics["test"] or metrics["train"]))
     size, time = file_size(metrics["bytes"]), duration(metrics["train_seconds"])
-    print(f"{counted(metrics['n'], 'primitive')}, {size}, {time} of training; {out / REPORT}")
+    say(f"{counted(metrics['n'], 'primitive')}, {size}, {time} of training; {out / REPORT}")
 
 
 @contextmanager
@@ -57,12 +57,19 @@ def shown_training(steps: int, split: str = TrainConfig.split) -> Iterator[Calla
         yield show
 
 
-def _say_what_is_not_read(config: TrainConfig) -> None:
+def _say_what_is_known_before(config: TrainConfig) -> None:
+    """What of the data is not read, and whether they are too far from the origin."""
+    from ..datasets.far_origin import far_from_origin
+    from ..datasets.numbered_models import other_models
     from ..datasets.transforms import not_read
 
+    data = Path(config.data)
     try:
-        lines = [] if config.masks else not_read(Path(config.data))
+        lines = other_models(data) + ([] if config.masks else not_read(data))
+        far = far_from_origin(data)
     except DataError:  # the training says so itself, once it has looked at its model
         return
     for line in lines:
         say(printable(f"{config.data}: not read: {line}"))
+    for line in far:
+        say(printable(f"{config.data}: {line}"))

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..runs.stopping import signals_to
 from ..support.errors import DataError
-from .execute import Means, Outcome, in_a_process
+from .execute import Means, Outcome, in_a_process, still_possible
 from .tasks import Task
 
 SECONDS_TO_SAVE = 120  # for the largest of checkpoints on a slow disk
@@ -87,5 +87,7 @@ def on_cluster(tasks: Sequence[Task], means: Means, client: Any) -> Iterator[Out
         error = future.result() if future.status == "finished" else "its workers failed"
         if future.status == "error":
             error = f"its workers failed ({future.exception()})"
+        outcome = Outcome(task, error)
+        waiting[:] = still_possible(waiting, outcome)
         submit_what_is_ready()
-        yield Outcome(task, error)
+        yield outcome

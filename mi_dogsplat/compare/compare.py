@@ -59,8 +59,8 @@ def compare(
         targets: that compact methods are trained to beside that of ``config``, for tables of equal bytes and time.
         progress: called with a line as a task ends.
 
-    A task that fails is a line and a note in the table; the others go on. Raises ``DataError`` for bad data, a folder
-    that holds something else, or a cluster that cannot be had.
+    A task that fails is a line and a note in the table; the others go on, but for runs whose start has failed. Raises
+    ``DataError`` for bad data, a folder that holds something else, or a cluster that cannot be had.
     """
     out = Path(out)
     folders = [out / name for name in _names(data)]
@@ -116,16 +116,26 @@ def _locked(out: Path) -> Iterator[None]:
 
 
 def claim(out: Path, config: TrainConfig) -> None:
-    """Make the folder one of runs on a data set, all with these settings. Raises ``DataError`` for anything else."""
+    """Make the folder one of runs on a data set, all with these settings. Raises ``DataError`` for anything else.
+
+    While it holds nothing but starts that are complete, which know of no target, that may be another one.
+    """
     settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed", *FREE)}
     path = out / CONFIG
     earlier = {field.name: field.default for field in dataclasses.fields(TrainConfig) if field.name in settings}
-    if path.exists() and earlier | settings_in(out) != settings:
+    known = earlier | settings_in(out) if path.exists() else settings
+    if known != settings and not (known | {"target": settings["target"]} == settings and _has_starts_alone(out)):
         raise DataError(out, "holds runs with other settings", "name another folder")
     if not path.exists() and out.is_dir() and not is_empty(out):
         raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")
     out.mkdir(parents=True, exist_ok=True)
     write_json(path, settings)
+
+
+def _has_starts_alone(out: Path) -> bool:
+    """Whether no run in the folder of a data set has begun, and no start has begun and is not complete."""
+    folders = [path for path in out.glob("seed_*/*/") if path.is_dir()]
+    return all(path.name == "start" and path.with_suffix(".npz").exists() for path in folders)
 
 
 def _write(out: Path, failed: dict[str, str]) -> None:

@@ -99,5 +99,13 @@ def _ask_to_stop(process: subprocess.Popen) -> None:
 
 def one_after_another(tasks: Sequence[Task], means: Means) -> Iterator[Outcome]:
     """Here: with all cores for each, timings are those of an undisturbed run."""
-    for task in tasks:
-        yield Outcome(task, in_a_process(task, means))
+    waiting = list(tasks)
+    while waiting:
+        outcome = Outcome(waiting[0], in_a_process(waiting[0], means))
+        waiting = still_possible(waiting[1:], outcome)
+        yield outcome
+
+
+def still_possible(waiting: Sequence[Task], outcome: Outcome) -> list[Task]:
+    """What is left to do after an outcome: a run without its start is not, and that has been told once."""
+    return [task for task in waiting if not (outcome.error and task.begins_with(outcome.task))]

@@ -60,7 +60,7 @@ def _section(folder: Path, table: dict[str, Any], data: str) -> dict[str, Any]:
         "overview": overview(folder, rows, COLOR_OF, measured) if trained else None,
         "pairs": table_of_pairs(folder, rows) if trained else None,
         "margin": margin(rows),
-        "equals": tables_of_equals(rows, f"{table['config'][data]['target']:g}") if trained else [],
+        "equals": tables_of_equals(rows, table["config"][data]["target"]) if trained else [],
     }
 
 

@@ -1,6 +1,6 @@
 """What a comparison consists of: tasks that need nothing but a folder, each done in a process of its own.
 
-start   densify, once per data set and seed
+start   densify, once per data set and seed; where that leaves no more primitives than a target asks for, it fails
 train   a method, from that start
 time    the renders of all models of a data set and seed, in turns
 lpips   of all these models, where the weights are installed
@@ -9,6 +9,7 @@ lpips   of all these models, where the weights are installed
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from ..runs.checkpoint import load_checkpoint
 from ..support.errors import DataError
 from ..training.config import TrainConfig
 from ..training.strategy.scheduler import target_count
-from .folders import settings_in
+from .folders import REMEDY, settings_in
 from .method_runs import densified_start, draw_in_turn, is_complete, train_method
 from .methods import METHODS
 from .names import AT, at_target, method_of
@@ -37,7 +38,8 @@ class Task:
     kind: str  # one of KINDS
     folder: str  # of the data set within the comparison
     seed: int
-    methods: tuple[str, ...] = ()  # the one to train, or those asked for; maybe with a target (``at_target``)
+    # the one to train, or those asked for; maybe with a target (``at_target``). Of a start: those that meet one
+    methods: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -59,6 +61,15 @@ class Task:
         same = (self.folder, self.seed) == (other.folder, other.seed)
         return same and KINDS.index(other.kind) < KINDS.index(self.kind)
 
+    def begins_with(self, other: Task) -> bool:
+        """Whether it is a run that is nothing without the other one, its start."""
+        return self.kind == "train" and other.kind == "start" and self.needs(other)
+
+    @property
+    def start(self) -> Path:
+        """The checkpoint at the end of densification."""
+        return self.seed_folder / "start.npz"
+
     @property
     def complete(self) -> list[Path]:
         """The run folders that it is about which are there and whole: of its method, or, to measure, of all methods,
@@ -74,7 +85,11 @@ class Task:
     def done(self) -> bool:
         """Whether there is nothing left to do. Times are taken again: they depend on who is there."""
         if self.kind == "start":
-            return (self.seed_folder / "start.npz").exists()
+            with suppress(DataError):  # which its process tells
+                if self.start.exists():
+                    _require_below(self, settings_in(Path(self.folder))["target"])
+                    return True
+            return False
         if self.kind == "train":
             return bool(self.complete)
         wanted = {self.seed_folder / name for name in self.methods}
@@ -85,9 +100,10 @@ def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str], targets
     """All tasks of a data set, each once and after those that it needs; ``targets`` beside that of the comparison."""
     where, tasks = str(folder.resolve()), []
     for seed in seeds:
-        tasks.append(Task("start", where, seed))
         compact = [name for name in methods if METHODS[name].compact]
-        runs = tuple(dict.fromkeys((*methods, *(at_target(name, x) for x in targets for name in compact))))
+        others = tuple(dict.fromkeys(at_target(name, x) for x in targets for name in compact))
+        tasks.append(Task("start", where, seed, (*compact, *others)))
+        runs = (*methods, *others)
         tasks += [Task("train", where, seed, (name,)) for name in runs]
         tasks.append(Task("time", where, seed, runs))
         if weights_path().exists():
@@ -104,6 +120,32 @@ def all_tasks(
     return sorted(tasks, key=lambda task: task.kind == "lpips")
 
 
+def _require_below(start: Task, target: float) -> None:
+    """Raise ``DataError`` unless each target of the runs that are to begin with a start is below its primitives."""
+    n = _n_primitives(start.start)
+    for name in start.methods:
+        _count(name, target, n)
+
+
+def _count(name: str, target: float, n: int) -> float:
+    """Primitives that a run, by its name, is to leave of ``n``. Raises ``DataError``."""
+    flag, wanted = ("--more-targets", float(name.partition(AT)[2])) if AT in name else ("--target", target)
+    try:
+        return target_count(wanted, n)
+    except ValueError as error:
+        if not METHODS[method_of(name)].compact:
+            return wanted  # which no baseline meets
+        raise DataError(flag, str(error), "choose another one, of the densified start") from None
+
+
+def _n_primitives(start: Path) -> int:
+    """Of a densified start. Raises ``DataError``."""
+    try:
+        return np.size(load_checkpoint(start)["optimizer.logit_opacities"])
+    except KeyError:
+        raise DataError(start, "is not a densified start", REMEDY) from None
+
+
 def perform(task: Task, free: Mapping[str, Any]) -> None:
     """Do it, in this process. Raises whatever goes wrong.
 
@@ -111,18 +153,16 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
         free: settings by name that the folder does not hold, since no result depends on them.
     """
     config = TrainConfig(**settings_in(Path(task.folder)), **free, preset="3dgs", seed=task.seed)
-    start = task.seed_folder / "start.npz"
+    start = task.start
     if task.kind == "start":
-        densified_start(config, start)
+        if not start.exists():
+            densified_start(config, start)
+        _require_below(task, float(config.target))
     elif task.kind == "train":
         if not start.exists():
             raise DataError(start, "there is no densified start", "see start.log beside it, then compare again")
         (name,) = task.methods
-        n = np.size(load_checkpoint(start)["optimizer.logit_opacities"])
-        try:
-            count = target_count(float(name.partition(AT)[2] or config.target), n)
-        except ValueError as error:
-            raise DataError("--target", str(error), "choose another one, of the densified start") from None
+        count = _count(name, float(config.target), _n_primitives(start))
         run = task.seed_folder / name
         if (run / LPIPS).exists():  # of a run with another recipe
             (run / LPIPS).unlink()

@@ -26,6 +26,7 @@ def load_dataset(
     """
     from .colmap import MODEL_FOLDERS, find_model, load_colmap  # here: photographs need the extra "train"
     from .mitsuba_scene import load_mitsuba_scene
+    from .numbered_models import numbered_models
     from .transforms import find_transforms, load_transforms
 
     path = Path(path)
@@ -42,6 +43,9 @@ def load_dataset(
     transforms = find_transforms(path) if path.is_dir() else None
     if transforms is None:
         refuse_run(path)
+        if path.is_dir() and (models := numbered_models(path)):
+            problem = f"has a COLMAP model in sparse/{models[0].name}, and none in sparse/0"
+            raise DataError(path, problem, f"give {models[0]}")
         folders = ", ".join(MODEL_FOLDERS)
         raise DataError(
             path,

@@ -19,6 +19,7 @@ from .check import require_plausible
 from .colmap_files import read_cameras, read_images, read_points
 from .colmap_records import ColmapImage, ColmapPoints
 from .dataset import Dataset, Observations, View, every_eighth, held_out, require_unique_names, view_name, views_named
+from .image_files import image_files
 from .images import is_file
 from .lens import undistortion
 from .point_colors import in_srgb
@@ -29,10 +30,12 @@ MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 
 def find_model(path: Path) -> Path | None:
     """The first folder below ``path`` that holds a COLMAP model, or None."""
-    for folder in MODEL_FOLDERS:
-        if _file(path / folder, "cameras") and _file(path / folder, "images"):
-            return (path / folder).resolve()
-    return None
+    return next(((path / folder).resolve() for folder in MODEL_FOLDERS if is_model(path / folder)), None)
+
+
+def is_model(folder: Path) -> bool:
+    """Whether a folder holds cameras and images of COLMAP."""
+    return bool(model_file(folder, "cameras") and model_file(folder, "images"))
 
 
 def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = "test") -> Dataset:
@@ -49,12 +52,18 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     sources, images = read_sources(model, folder)
     points = read_model_points(model)
     train, test = held_out(*every_eighth([source.name for source in sources]), split)
-    read = [source.name in {*train, *test} for source in sources]
+    wanted = {*train, *test}
+    read = [source.name in wanted for source in sources]
     sources, images = list(compress(sources, read)), list(compress(images, read))
     smaller = folder.with_name(f"images_{downscale}")
-    relocated = [replace(s, image_path=smaller / i.name) for s, i in zip(sources, images, strict=True)]
+    there = image_files(smaller, [image.name for image in images])
+    relocated = [replace(source, image_path=file) for source, file in zip(sources, there, strict=True)]
     prescaled = downscale > 1 and all(is_file(source.image_path) for source in relocated)
     if not prescaled:
+        if not folder.is_dir():
+            factors = _smaller_ones(folder)
+            problem = f"no such folder, only images_{factors[0]}"
+            raise DataError(folder, problem, f"give --downscale {factors[0]}, or put the images at full size there")
         require_files([source.image_path for source in sources])
     views, has_alpha = load_views(relocated if prescaled else sources, downscale, prescaled, on_disk)
     observations = _observations(model, sources, images, views, points)
@@ -69,7 +78,7 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
 
 def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[ColmapImage]]:
     """Views of a model in the order of their image names, before images are read. Raises ``DataError``."""
-    camera_file, image_file = _file(model, "cameras"), _file(model, "images")
+    camera_file, image_file = model_file(model, "cameras"), model_file(model, "images")
     assert camera_file and image_file
     cameras = read_cameras(camera_file)
     images = sorted(read_images(image_file), key=lambda image: image.name)
@@ -78,7 +87,8 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
             image_file, "the model has no registered image", "run COLMAP's mapper until images register"
         )
     sources = []
-    for image in images:
+    files = image_files(images_at, [image.name for image in images])
+    for image, file in zip(images, files, strict=True):
         if image.camera_id not in cameras:
             raise DataError(
                 image_file,
@@ -87,39 +97,47 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
             )
         c = cameras[image.camera_id]
         camera = Camera(image.w2c, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
-        sources.append(ViewSource(view_name(image.name), images_at / image.name, camera, c.lens))
+        sources.append(ViewSource(view_name(image.name), file, camera, c.lens))
     require_unique_names(image_file, [source.name for source in sources])
     return sources, images
 
 
 def read_positions(model: Path) -> dict[str, np.ndarray]:
     """Camera centres [3] of a model in world space, by view name, whatever its lenses are. Raises ``DataError``."""
-    file = _file(model, "images")
+    file = model_file(model, "images")
     assert file
     return {view_name(image.name): inverse_rigid(image.w2c)[:3, 3] for image in read_images(file)}
 
 
 def read_model_points(model: Path) -> ColmapPoints:
     """Sparse points of a model; none where it has no ``points3D`` file. Raises ``DataError``."""
-    file = _file(model, "points3D")
+    file = model_file(model, "points3D")
     if file is None:
         return ColmapPoints(np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32))
     return read_points(file)
 
 
-def _file(model: Path, stem: str) -> Path | None:
+def model_file(model: Path, stem: str) -> Path | None:
     """``stem.bin`` or else ``stem.txt`` in the model folder."""
     return next((file for suffix in (".bin", ".txt") if (file := model / (stem + suffix)).is_file()), None)
 
 
 def image_folder(path: Path, model: Path) -> Path:
-    """``images`` in the given folder, or above it where the model folder itself was given. Raises
-    ``DataError``."""
+    """``images`` in the given folder, or above it where the model folder itself was given; it need not be there where
+    smaller images are, in ``images_K``. Raises ``DataError``."""
     above = (path.resolve(), *path.resolve().parents[:2]) if model == path.resolve() else (path,)
-    folder = next((parent / "images" for parent in above if (parent / "images").is_dir()), None)
+    folders = [parent / "images" for parent in above]
+    folder = next((folder for folder in folders if folder.is_dir()), None)
+    folder = folder or next((folder for folder in folders if _smaller_ones(folder)), None)
     if folder is None:
         raise DataError(path / "images", "no such folder", "put the images of the COLMAP model there")
     return folder
+
+
+def _smaller_ones(folder: Path) -> list[int]:
+    """By which factors there are folders of smaller images beside that of the images, in their order."""
+    names = (path.name.removeprefix("images_") for path in folder.parent.glob("images_*") if path.is_dir())
+    return sorted(int(name) for name in names if name.isdecimal())
 
 
 def _observations(

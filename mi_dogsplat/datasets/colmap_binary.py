@@ -12,6 +12,7 @@ from ..support.errors import DataError
 from ..support.wording import count, counted
 from .colmap_records import (
     MODELS,
+    OTHER_MODELS,
     REMEDY,
     ColmapCamera,
     ColmapImage,
@@ -63,7 +64,7 @@ def cameras(path: Path) -> dict[int, ColmapCamera]:
     for _ in range(file.take("<Q")[0]):
         camera_id, model, width, height = file.take("<iiQQ")
         if model not in MODELS:
-            raise unknown_model(path, camera_id, f"number {model}")
+            raise unknown_model(path, camera_id, OTHER_MODELS.get(model, f"number {model}"))
         values = file.take(f"<{MODELS[model][1]}d")
         found[camera_id] = camera_of(path, camera_id, model, width, height, values)
     file.finish()

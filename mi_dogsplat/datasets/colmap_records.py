@@ -21,10 +21,16 @@ MODELS = {
     3: ("RADIAL", 5, False),
     4: ("OPENCV", 8, True),
     5: ("OPENCV_FISHEYE", 8, True),
-    6: ("FULL_OPENCV", 12, True),  # with coefficients of zero only
+    6: ("FULL_OPENCV", 12, True),
     8: ("SIMPLE_RADIAL_FISHEYE", 4, False),
     9: ("RADIAL_FISHEYE", 5, False),
+    14: ("SIMPLE_FISHEYE", 3, False),
+    15: ("FISHEYE", 4, True),
 }
+OTHER_MODELS = {
+    7: "FOV", 10: "THIN_PRISM_FISHEYE", 11: "RAD_TAN_THIN_PRISM_FISHEYE", 12: "SIMPLE_DIVISION", 13: "DIVISION",
+    16: "EUCM", 17: "EQUIRECTANGULAR",
+}  # fmt: skip
 MAX_SIDE = 2**20  # pixels of an image
 MAX_ID = 2**53  # of a point: beyond, a text file's would be rounded
 REMEDY = "copy the file again or export the model again"
@@ -79,19 +85,16 @@ def camera_of(
     ):
         raise DataError(path, f"camera {camera_id} is {width}x{height} with parameters {values}", REMEDY)
     focal, (cx, cy, *distortion) = values[: 1 + separate], values[1 + separate :]
-    if name == "FULL_OPENCV":
-        if any(distortion):
-            raise unknown_model(path, camera_id, f"{name} with {distortion}")
-        distortion = []
-    lens = Lens(tuple(distortion[:2]), (distortion[2], distortion[3])) if name == "OPENCV" else Lens(tuple(distortion))
-    if name.endswith("FISHEYE"):
-        lens = Lens(tuple(distortion), fisheye=True)
+    lens = Lens(tuple(distortion), fisheye=name.endswith("FISHEYE"))
+    if name in ("OPENCV", "FULL_OPENCV"):
+        k1, k2, p1, p2, *others = distortion
+        lens = Lens((k1, k2, *others[:1]), (p1, p2), divisor=tuple(others[1:]))
     return ColmapCamera(focal[0], focal[-1], cx, cy, width, height, lens)
 
 
 def unknown_model(path: Path, camera_id: int, model: str) -> DataError:
     """The error for a camera whose lens is not known here; ``model`` is its name or number, in words."""
-    known = ", ".join(name for name, _, _ in MODELS.values() if name != "FULL_OPENCV")
+    known = ", ".join(name for name, _, _ in MODELS.values())
     return DataError(path, f"camera {camera_id} has the model {model}, which is none of {known}", UNDISTORT)
 
 

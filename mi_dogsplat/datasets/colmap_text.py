@@ -51,6 +51,9 @@ def images(path: Path) -> list[ColmapImage]:
             w2c = pose_of(path, name, [float(v) for v in pose])
             camera = int(camera_id)
             number, line = next(lines, (number + 1, ""))
+            if _is_image(line):
+                problem = f'line {number} is of an image, and not of the points that "{name}" sees'
+                raise DataError(path, problem, "put an empty line after that of each image")
             rows = np.array(line.split(), np.float64).reshape(-1, 3)  # [M, 3] x, y, point id
             if not (np.abs(rows[:, 2]) < MAX_ID).all():  # NaN is not
                 raise ValueError("the id of a point is no whole number")
@@ -60,6 +63,20 @@ def images(path: Path) -> list[ColmapImage]:
             raise _bad_line(path, number, error) from error
         found.append(ColmapImage(name, camera, w2c, rows[:, :2], rows[:, 2].astype(np.int64)))
     return found
+
+
+def _is_image(line: str) -> bool:
+    """Whether a line is like those of images: nine numbers and a name that is none."""
+    words = line.split(maxsplit=9)
+    return len(words) == 10 and _is_number(words[8]) and not _is_number(words[9].split()[0])
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def points(path: Path) -> ColmapPoints:

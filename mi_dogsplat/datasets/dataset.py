@@ -152,7 +152,8 @@ def held_out(train: Sequence[T], test: Sequence[T], split: str) -> tuple[list[T]
 
 def views_named(views: Sequence[View], names: Sequence[str]) -> list[View]:
     """Those of the views that have one of the names, in their order."""
-    return [view for view in views if view.name in set(names)]
+    wanted = set(names)
+    return [view for view in views if view.name in wanted]
 
 
 def view_name(file: str) -> str:

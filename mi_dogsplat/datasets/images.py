@@ -11,10 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
+from typing import Literal
+from unicodedata import normalize
 
 import numpy as np
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import IMAGELENGTH, IMAGEWIDTH, TiffImageFile
 
 from ..support.errors import DataError
@@ -37,6 +39,8 @@ BACK = {
     Image.Transpose.ROTATE_270: Image.Transpose.ROTATE_90,
 }  # what undoes a turn; each of the others undoes itself
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
+PHONES = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIF", b"avif": "AVIF"}  # by the brand of ISO/IEC 14496-12
+FORMS: tuple[Literal["NFC", "NFD"], ...] = ("NFC", "NFD")  # of Unicode: letters with their marks, or both apart
 Image.init()  # makes all formats known: by itself Pillow does so when the first few have failed
 UNREADABLE = (
     OSError,
@@ -54,13 +58,41 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def named_file(folder: Path, name: str | PurePath) -> Path:
+    """The file of a folder that a data set names; where there is none so spelt, one that other systems call the same.
+
+    Windows and macOS tell no case of an extension, and macOS takes "ü" apart into "u" and two dots.
+    """
+    if is_file(folder / name):
+        return folder / name
+    pure = PurePath(name)
+    cases = [pure, *(pure.with_suffix(suffix) for suffix in (pure.suffix.lower(), pure.suffix.upper()) if suffix)]
+    spelt = (folder / normalize(form, str(case)) for case in cases for form in FORMS)
+    return next((path for path in spelt if is_file(path)), folder / name)
+
+
 @contextmanager
 def open_image(path: Path) -> Iterator[Image.Image]:
     """An image whose pixels are not read yet. Raises one of ``UNREADABLE``, also for a decompression bomb."""
     # not by its name: Pillow would map the file to memory, with width and height of a turned TIFF exchanged
-    with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
-        require_photograph(image.width, image.height, path.stat().st_size)
-        yield image
+    with path.open("rb") as file:
+        try:
+            opened = Image.open(file, formats=FORMATS)
+        except UnidentifiedImageError:
+            file.seek(0)
+            raise ValueError(_unidentified(file.read(16))) from None
+        with opened as image:
+            require_photograph(image.width, image.height, path.stat().st_size)
+            yield image
+
+
+def _unidentified(head: bytes) -> str:
+    """What a file of none of the ``FORMATS`` is, by its first 16 bytes."""
+    if not head:
+        return "it is empty"
+    if head[4:8] == b"ftyp" and head[8:12] in PHONES:
+        return f"it is {PHONES[head[8:12]]}: export it as JPEG or PNG"
+    return f"it is no {', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
 
 
 def stored(image: Image.Image) -> Image.Image:

@@ -5,6 +5,7 @@ models and the order of their parameters are COLMAP's ("Camera Models"), which s
 
     radial      u' = u (1 + k1 r² + k2 r⁴)
     OPENCV      the same, and + 2 p1 u v + p2 (r² + 2 u²) in u', + 2 p2 u v + p1 (r² + 2 v²) in v'
+    FULL_OPENCV as OPENCV, but (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
     fisheye     u' = u θ/r (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)
 """
 
@@ -26,16 +27,17 @@ BAND = 256  # rows that are resampled at a time, so that memory stays small
 
 @dataclass(frozen=True)
 class Lens:
-    """Coefficients as above; ``radial`` k1, k2, ..., ``tangential`` p1, p2."""
+    """Coefficients as above; ``radial`` k1, k2, ..., ``tangential`` p1, p2, ``divisor`` k4, k5, k6 of FULL_OPENCV."""
 
     radial: tuple[float, ...] = ()
     tangential: tuple[float, float] = (0.0, 0.0)
     fisheye: bool = False
+    divisor: tuple[float, ...] = ()
 
     @property
     def straight(self) -> bool:
         """A pinhole. A fisheye is none even if all of its coefficients are 0."""
-        return not (self.fisheye or any(self.radial) or any(self.tangential))
+        return not (self.fisheye or any(self.radial) or any(self.tangential) or any(self.divisor))
 
     def distort(self, rays: np.ndarray) -> np.ndarray:
         """(u, v) [..., 2] to (u', v') [..., 2]."""
@@ -44,6 +46,8 @@ class Lens:
         r = np.sqrt(r2)
         angle = np.arctan(r) if self.fisheye else r
         factor = sum((k * angle ** (2 * i) for i, k in enumerate(self.radial, 1)), np.ones_like(r))
+        if any(self.divisor):
+            factor = factor / sum((k * r ** (2 * i) for i, k in enumerate(self.divisor, 1)), np.ones_like(r))
         if self.fisheye:
             factor = factor * np.divide(angle, r, out=np.ones_like(r), where=r > 0)
         p1, p2 = self.tangential
@@ -86,9 +90,9 @@ class Lens:
 
     @property
     def largest_radius(self) -> float:
-        """r up to which the radial polynomial grows: beyond, a second ray arrives at the same place."""
+        """r up to which r' grows: beyond, a second ray arrives at the same place."""
         r = np.concatenate([np.linspace(0, 4, 4001), np.geomspace(4, 50, 200)[1:]])
-        across = Lens(self.radial, fisheye=self.fisheye).distort(np.stack([r, 0 * r], -1))[:, 0]
+        across = Lens(self.radial, fisheye=self.fisheye, divisor=self.divisor).distort(np.stack([r, 0 * r], -1))[:, 0]
         falls = np.flatnonzero(np.diff(across) <= 0)
         return float(r[falls[0]]) if len(falls) else float(r[-1])
 
@@ -146,7 +150,7 @@ def undistortion(source: Camera, lens: Lens) -> Undistortion:
 
     source: intrinsics and size of the photograph, and its pose. Raises ``ValueError`` where no such rectangle is left.
     """
-    if not all(abs(k) <= MAX_COEFFICIENT for k in (*lens.radial, *lens.tangential)):  # NaN is not
+    if not all(abs(k) <= MAX_COEFFICIENT for k in (*lens.radial, *lens.tangential, *lens.divisor)):  # NaN is not
         raise ValueError(f"the lens {lens} has coefficients that no lens has")
     along = np.linspace(0, 1, EDGE)
     zero, one = np.zeros(EDGE), np.ones(EDGE)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from unicodedata import normalize
 
 import numpy as np
 from PIL import Image
@@ -31,8 +32,8 @@ class Masks:
         folder = Path(folder)
         if not folder.is_dir():
             raise DataError(folder, "no such folder", "give a folder with a mask per image")
-        self.folder, self.paths = folder, mask_files(folder)
-        if not any(view.name in self.paths for view in views):
+        self.folder, self.paths = folder, {_composed(name): path for name, path in mask_files(folder).items()}
+        if not any(_composed(view.name) in self.paths for view in views):
             raise no_mask(folder, views[0].name)
 
     def of(self, view: View) -> np.ndarray | None:
@@ -40,7 +41,7 @@ class Masks:
 
         A mask is one of the photograph: its lens is taken out as that of the photograph was. Raises ``DataError``.
         """
-        path = self.paths.get(view.name)
+        path = self.paths.get(_composed(view.name))
         if path is None:
             return None
         grey, camera = read_image(path)[..., :3].mean(axis=2), view.camera  # [H', W']
@@ -52,6 +53,11 @@ class Masks:
         if k > 1 and grey.shape[0] // k == camera.height and grey.shape[1] // k == camera.width:
             grey = box_downscale(grey[..., None], k)[..., 0]
         return (_resized(grey, camera.width, camera.height) >= USED).astype(np.float32)
+
+
+def _composed(name: str) -> str:
+    """A name by which masks and images are told, with letters and their marks in one: macOS takes them apart."""
+    return normalize("NFC", name)
 
 
 def mask_files(folder: Path) -> dict[str, Path]:

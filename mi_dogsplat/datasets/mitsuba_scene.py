@@ -41,7 +41,8 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int, split: str = "test"
     names = [sensor_name(sensor.id(), i) for i, sensor in enumerate(sensors)]
     require_unique_names(file, names)
     train, test = held_out(*every_eighth(names), split)
-    read, cameras, linear_images = [name for name in names if name in {*train, *test}], [], []
+    wanted = {*train, *test}
+    read, cameras, linear_images = [name for name in names if name in wanted], [], []
     for i, sensor in enumerate(sensors):
         if names[i] not in read:
             continue

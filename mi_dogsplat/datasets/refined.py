@@ -21,14 +21,19 @@ from ..support.files import replacing
 from .colmap import find_model, image_folder, read_sources
 from .dataset import Dataset, every_eighth
 from .point_ply import write_point_ply
-from .transforms import NAME, find_transforms, intrinsics_of, split_sources
+from .transforms import FULL, NAME, find_transforms, intrinsics_of, split_sources
 from .view_images import ViewSource
 
 
 def require_photographs(path: Path) -> None:
-    """Raise ``DataError`` for data whose poses are exact by their making: those of a Mitsuba scene."""
+    """Raise ``DataError`` for data whose poses are exact by their making, those of a Mitsuba scene, and for a folder of
+    smaller images alone, as refined poses are a data set of those at full size."""
     if path.suffix == ".xml":
         raise DataError(path, "the cameras of a scene are exact", "train without --refine-poses")
+    model = find_model(path) if path.is_dir() else None
+    if model and not (folder := image_folder(path, model)).is_dir():
+        remedy = "put the images there, or train without --refine-poses"
+        raise DataError(folder, "no such folder, and refined poses are those of its images", remedy)
 
 
 def write_refined(folder: Path, dataset: Dataset, data: Path, moved: Mapping[str, np.ndarray]) -> None:
@@ -88,8 +93,8 @@ def _sources(data: Path) -> tuple[list[ViewSource], list[str]]:
 def _optics(source: ViewSource) -> dict[str, Any]:
     """Intrinsics of a photograph as a frame has them."""
     lens = source.lens
-    model = "OPENCV_FISHEYE" if lens.fisheye else "PINHOLE" if lens.straight else "OPENCV"
-    radial = {f"k{k}": value for k, value in enumerate(lens.radial, 1)}
+    model = "OPENCV_FISHEYE" if lens.fisheye else "PINHOLE" if lens.straight else FULL if lens.divisor else "OPENCV"
+    radial = {f"k{k}": value for k, value in enumerate((*lens.radial, *lens.divisor), 1)}
     tangential = {} if lens.fisheye else dict(zip(("p1", "p2"), lens.tangential, strict=True))
     distortion = {} if lens.straight else radial | tangential
     return {"camera_model": model, **intrinsics_of(source.camera), **distortion}

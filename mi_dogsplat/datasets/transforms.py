@@ -20,7 +20,7 @@ from ..support.files import read_json
 from .check import require_plausible
 from .colmap import find_model, read_model_points, read_positions
 from .dataset import Dataset, every_eighth, held_out, no_points, require_unique_names, view_name, views_named
-from .images import image_size, is_file
+from .images import image_size, is_file, named_file
 from .lens import Lens
 from .point_colors import in_srgb
 from .point_ply import read_point_ply
@@ -30,6 +30,7 @@ NAME = "view_name"  # ours: of a frame that is named otherwise than by its file,
 MASK = "mask_path"  # nerfstudio's, of a frame
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".exr")
 LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+FULL = "FULL_OPENCV"
 FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular")  # of instant-ngp, each told by a key of its own
 UNDISTORT = "undistort the images first (for instance with COLMAP's image_undistorter)"
@@ -71,7 +72,8 @@ def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: st
     if not train:
         raise DataError(file, "no view is left for training", "name fewer test images")
     train, test = held_out(train, test, split)
-    read = [source for source in sources if source.name in {*train, *test}]
+    wanted = {*train, *test}
+    read = [source for source in sources if source.name in wanted]
     views, has_alpha = load_views(read, downscale, on_disk=on_disk)
     points, point_colors = _points(file, content, sources, [source.image_path for source in read])
     train, test = views_named(views, train), views_named(views, test)
@@ -96,6 +98,9 @@ def split_sources(
     if file.stem == "transforms_train" and test_file.is_file():
         test_sources = _sources(test_file, _parse(test_file))
         test_names = {source.name for source in test_sources}
+        for source in sources:
+            if source.name in test_names:
+                raise DataError(test_file, f'"{source.name}" is in {file.name} too', "remove it from one of the two")
         sources += test_sources
     else:
         sources.sort(key=lambda source: source.image_path)
@@ -103,7 +108,8 @@ def split_sources(
     if train_names:
         if train_names.isdisjoint(source.name for source in sources):
             raise DataError(file, '"train_filenames" names none of its images', "correct it, or remove it")
-        sources = [source for source in sources if source.name in train_names | test_names]
+        named = train_names | test_names
+        sources = [source for source in sources if source.name in named]
     names = [source.name for source in sources]
     if test_names:
         train = [name for name in names if name not in test_names]
@@ -113,6 +119,18 @@ def split_sources(
     else:
         train, test = every_eighth(names)
     return sources, train, test
+
+
+def read_frame_positions(file: Path) -> np.ndarray:
+    """Camera centres [V, 3] of the frames of a file whose poses are such. Raises ``DataError``."""
+    poses = (frame.get("transform_matrix") for frame in _parse(file)["frames"] if isinstance(frame, dict))
+    found = []
+    for pose in poses:
+        try:
+            found.append(np.array(pose, np.float64)[:3, 3])
+        except (ValueError, TypeError, IndexError):  # the reader tells
+            continue
+    return np.array(found).reshape(-1, 3)
 
 
 def not_read(path: Path) -> list[str]:
@@ -177,9 +195,11 @@ def _merged(shared: dict[str, Any], frame: dict[str, Any]) -> dict[str, Any]:
 def _image_path(folder: Path, name: str) -> Path:
     """The image that ``file_path`` names, which may omit the extension; the name as given if there is
     none."""
-    path = folder / name.replace("\\", "/")
-    candidates = (path.parent / (path.name + extension) for extension in EXTENSIONS)
-    return next((candidate for candidate in candidates if is_file(candidate)), path)
+    path = Path(name.replace("\\", "/"))
+    named = [path.name + extension for extension in EXTENSIONS]
+    if exact := next((file for one in named if is_file(file := folder / path.parent / one)), None):
+        return exact
+    return next((file for one in named if is_file(file := named_file(folder, path.parent / one))), folder / path)
 
 
 def _named_in(file: Path, content: dict[str, Any], sources: list[ViewSource], key: str) -> set[str]:
@@ -218,16 +238,18 @@ def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
 
 
 def _lens(file: Path, frame: dict[str, Any]) -> Lens:
-    """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them."""
+    """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them, or FULL_OPENCV's."""
     model = next((key for key in OTHER_LENSES if frame.get(key, False) is not False), None)
     model = model or frame.get("camera_model", "PINHOLE")
     fisheye = bool(frame.get("is_fisheye")) or model in FISHEYES
     k, p = ([_number(frame, f"{letter}{i}", 0) for i in range(1, n)] for letter, n in (("k", 7), ("p", 3)))
-    known = model in LENSES + FISHEYES or (model == "FULL_OPENCV" and not any(k + p))
+    if model == FULL and not fisheye:
+        return Lens(tuple(k[:3]), (p[0], p[1]), divisor=tuple(k[3:]))
+    known = model in LENSES + FISHEYES
     if not known or any(k[4:]) or (fisheye and any(p)):
-        named = ", ".join(LENSES + FISHEYES)
+        named = ", ".join((*LENSES, FULL, *FISHEYES))
         problem = f'"{frame["file_path"]}" has a lens {model} with k1 to k6 {k} and p1, p2 {p}'
-        known_ones = f"known are {named} with k1 to k4, and p1, p2 where it is no fisheye"
+        known_ones = f"known are {named} with k1 to k4, {FULL} to k6, and p1, p2 where it is no fisheye"
         raise DataError(file, f"{problem} ({known_ones})", UNDISTORT)
     return Lens(tuple(k[:4]), (p[0], p[1]), fisheye)
 

@@ -17,6 +17,8 @@ SCENE_SPP = 4  # enough to see that the sensors of a Mitsuba scene see something
 def describe_dataset(path: Path) -> list[str]:
     """Views, split, points, whether cameras and points agree, and what ``world.json`` says."""
     from ..datasets import check_cameras, load_dataset  # here: see ``info.py``
+    from ..datasets.far_origin import far_from_origin
+    from ..datasets.numbered_models import other_models
     from ..datasets.transforms import not_read
     from ..datasets.world import read_world
 
@@ -41,7 +43,8 @@ def describe_dataset(path: Path) -> list[str]:
     if check.reprojection_px is not None:
         lines.append(line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
     lines += [line("world", drawn(world))] if world.said() else []
-    return lines + [line("not read", text) for text in not_read(path)]
+    lines += [line("origin", text) for text in far_from_origin(path)]
+    return lines + [line("not read", text) for text in (*other_models(path), *not_read(path))]
 
 
 def _sizes(dataset: Dataset) -> str:

@@ -78,6 +78,7 @@ def _unknown(path: Path) -> DataError:
 
 def _is_dataset(folder: Path) -> bool:
     from ..datasets.colmap import find_model  # here: data sets need the extra "train", models and runs do not
+    from ..datasets.numbered_models import numbered_models
     from ..datasets.transforms import find_transforms
 
-    return bool(find_model(folder) or find_transforms(folder))
+    return bool(find_model(folder) or find_transforms(folder) or numbered_models(folder))  # of these the reader tells

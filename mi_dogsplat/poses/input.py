@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..datasets.colmap import find_model
 from ..datasets.masks import SUFFIXES
+from ..datasets.numbered_models import numbered_models
 from ..datasets.run_folders import are_of_run, refuse_run
 from ..datasets.transforms import find_transforms
 from ..support.errors import DataError
@@ -29,11 +30,11 @@ def is_video(path: Path) -> bool:
 
 
 def needs_poses(path: str | Path) -> bool:
-    """Whether a path is a video, or a folder of images without any cameras that a reader would find."""
+    """Whether a path is a video, or a folder of images without any cameras that a reader would find, or name."""
     path = Path(path)
     if not path.is_dir():
         return is_video(path)
-    if find_model(path) or find_transforms(path):
+    if find_model(path) or find_transforms(path) or numbered_models(path):
         return False
     return _is_result(path) or bool(_files(path, (*SUFFIXES, *PHONES, *RAW)))  # of a result ``require_input`` tells
 

@@ -12,7 +12,7 @@ from ..scene.appearance import APPEARANCE
 from ..support.errors import DataError
 from ..support.files import replacing
 from ..support.locks import locked
-from ..training.config import FREE
+from ..training.config import FREE_TO_RESUME
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, load_checkpoint
 from .inputs import INPUTS, is_same_input, noted_inputs
@@ -47,7 +47,7 @@ def resume_run(trainer: Trainer, out: Path) -> None:
     def differs(name: str) -> bool:
         if name in INPUTS:
             return not is_same_input(before.config[name], now[name], places.get(name))
-        return before.config[name] != now[name] and name not in FREE
+        return before.config[name] != now[name] and name not in FREE_TO_RESUME
 
     changed = [name for name in now if name in before.config and differs(name)]
     if changed:

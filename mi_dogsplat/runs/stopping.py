@@ -1,5 +1,8 @@
 """Ctrl-C and SIGTERM as a request: the work goes on to the next place where it can be left, and is saved there.
 
+So is SIGHUP, which comes where a terminal is closed or a connection to it breaks, unless it is ignored, as by nohup. It
+comes from the shell and from the system, so that only the first one counts.
+
 A program that has started this one can ask in another way, on Windows too, where its signals end a process at once.
 """
 
@@ -28,7 +31,7 @@ class Stopped(KeyboardInterrupt):
 
 
 class StopRequest:
-    """``with StopRequest() as stop``: the first SIGINT or SIGTERM is kept in ``stop.signal_number`` (else 0).
+    """``with StopRequest() as stop``: the first of the ``stop_signals`` is kept in ``stop.signal_number`` (else 0).
 
     A second one acts as it did before. Outside of the main thread, where Python has no signals, none ever comes.
     """
@@ -37,7 +40,7 @@ class StopRequest:
 
     def __enter__(self) -> StopRequest:
         self._signals = ExitStack()
-        self._signals.enter_context(signals_to(self._keep, signal.SIGINT, signal.SIGTERM))
+        self._signals.enter_context(signals_to(self._keep, *stop_signals()))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -46,6 +49,20 @@ class StopRequest:
     def _keep(self, number: int, frame: FrameType | None) -> None:
         self.signal_number = number
         self._signals.close()
+        _ignore_more_of(number)
+
+
+def stop_signals() -> tuple[signal.Signals, ...]:
+    """What asks to stop: SIGINT, SIGTERM, and SIGHUP where there is one and nobody has it ignored."""
+    hangup = getattr(signal, "SIGHUP", None)  # not on Windows
+    if hangup is None or signal.getsignal(hangup) == signal.SIG_IGN:
+        return (signal.SIGINT, signal.SIGTERM)
+    return (signal.SIGINT, signal.SIGTERM, hangup)
+
+
+def _ignore_more_of(number: int) -> None:
+    if number == getattr(signal, "SIGHUP", None):
+        signal.signal(number, signal.SIG_IGN)
 
 
 def stop_when_input_ends() -> None:
@@ -65,17 +82,18 @@ def stop_when_input_ends() -> None:
 
 @contextmanager
 def stopped_with(line: str) -> Iterator[None]:
-    """Ctrl-C or SIGTERM ends the work within at once: it raises ``Stopped`` with this line, or with that of what is
-    within and knows better how it goes on."""
+    """Ctrl-C, SIGTERM or SIGHUP ends the work within at once: it raises ``Stopped`` with this line, or with that of
+    what is within and knows better how it goes on."""
     asked = signal.SIGINT
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal asked
         asked = signal.Signals(number)
+        _ignore_more_of(number)
         raise KeyboardInterrupt
 
     try:
-        with signals_to(interrupt, signal.SIGTERM), interruptible():
+        with signals_to(interrupt, *stop_signals()[1:]), interruptible():
             yield
     except Stopped:
         raise

@@ -11,12 +11,13 @@ from ..render.picture_options import NEAR, Antialiased, Background, Downscale
 from ..support.memory import bytes_of
 from ..support.settings import Setting, check_settings, refuse
 from .presets import RECIPES
-from .target import REMEDY, checked_target, require_below_cap, target_bytes
+from .target import REMEDY, checked_target, require_below_cap, target_bytes, target_in_words
 
 FROM_RECIPE: Any = None  # a default that the preset decides on when the configuration is made
 PRUNING_PRESETS = "use " + " or ".join(name for name in RECIPES if RECIPES[name].pruning)
 # may change from one start of a run to the next, as no result depends on them
 FREE = ("checkpoint_seconds", "memory", "up", "scale", "unit")
+FREE_TO_RESUME = (*FREE, "data_on_disk")  # as the numbers of images are the same from there
 PRESETS = (
     "recipe: ours; ours_slopes (with colours that vary over their primitives); ours_cuts (and planes that cut them "
     "off); ours_preconditioned (and preconditioned steps); ours_second_cuts (and a second plane for each); "
@@ -122,8 +123,8 @@ class TrainConfig:
     def require_pruning(self) -> None:
         """Raise ``DataError`` for a preset that does not prune, which meets no target."""
         if not RECIPES[self.preset].pruning:
-            target = self.target if isinstance(self.target, str) else f"{self.target:g}"
-            refuse("target", f'{target} needs pruning, and "{self.preset}" does not', PRUNING_PRESETS)
+            problem = f'{target_in_words(self.target)} needs pruning, and "{self.preset}" does not'
+            refuse("target", problem, PRUNING_PRESETS)
 
     def _check_target(self) -> None:
         try:

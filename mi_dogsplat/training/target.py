@@ -6,6 +6,7 @@ import re
 
 from ..support.memory import bytes_of
 from ..support.settings import refuse
+from ..support.wording import count
 
 REMEDY = "use a ratio below 1 (0.1, 10%), a whole number of primitives (20000), or the size of the file (2MB)"
 
@@ -40,8 +41,13 @@ def target_bytes(target: float | str) -> int | None:
         return None
 
 
+def target_in_words(target: float | str) -> str:
+    """A target as people read it: ``0.1``, ``1,234,567``, or a size as it was written."""
+    return target if isinstance(target, str) else count(target) if target >= 1 else f"{target:g}"
+
+
 def require_below_cap(setting: str, target: float, max_primitives: int | None) -> None:
     """Raise ``DataError``, which names the flag of a setting, for a count that is not below the cap of primitives."""
     if max_primitives is not None and target >= max_primitives:
-        problem = f"{target:g} primitives are not fewer than --max-primitives {max_primitives}"
+        problem = f"{target_in_words(target)} primitives are not fewer than --max-primitives {count(max_primitives)}"
         refuse(setting, problem, "use a smaller target or a larger cap")

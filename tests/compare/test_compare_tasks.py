@@ -36,9 +36,33 @@ def test_without_its_start_a_run_fails_in_one_line(data, tmp_path):
 def test_a_target_that_the_start_does_not_reach_is_one_line(tmp_path):
     (tmp_path / "config.json").write_text(json.dumps({"data": "", "steps": 60, "target": 1000}))
     save_checkpoint(tmp_path / "seed_0" / "start.npz", {"optimizer.logit_opacities": np.zeros(50)})
-    for name in ("ours", "ours@60"):
-        with pytest.raises(DataError, match="--target: the target of .* primitives is not below the 50 .*; choose"):
+    for name, flag in (("ours", "--target"), ("ours@60", "--more-targets")):
+        with pytest.raises(DataError, match=f"{flag}: the target of .* primitives is not below the 50 .*; choose"):
             perform(Task("train", str(tmp_path), 0, (name,)), {})
+
+
+def test_a_target_that_a_start_does_not_reach_is_told_once_before_any_run_begins(data, tmp_path):
+    """The start is kept for another target."""
+    settings: dict[str, Any] = {"preset": "3dgs", "steps": 12, "sh_degree": 0}
+    out, names, lines = tmp_path / "out", ("3dgs", "opacity", "ours"), []
+    above = TrainConfig("", **settings, target=10**6)
+    table = compare(above, [str(data)], out, [0], names, targets=[0.5], progress=lines.append)
+    problem = table["failed"].pop("tiny, seed 0: densified start")
+    assert "--target: the target of 1000000 primitives is not below the " in problem and not table["failed"]
+    assert len(lines) == 2 and not table["methods"]  # there are no render times either
+    start = out / "tiny" / "seed_0" / "start.npz"
+    before = start.stat().st_mtime_ns
+    assert compare(above, [str(data)], out, [0], names)["failed"] == {"tiny, seed 0: densified start": problem}
+    table = compare(replace(above, target=0.5), [str(data)], out, [0], ("3dgs",))
+    assert list(table["methods"]) == ["3dgs"] and not table["failed"] and start.stat().st_mtime_ns == before
+    with pytest.raises(DataError, match="holds runs with other settings"):
+        compare(replace(above, target=0.25), [str(data)], out, [0], ("3dgs",))
+
+
+def test_a_baseline_meets_no_target(data, tmp_path):
+    settings: dict[str, Any] = {"preset": "3dgs", "steps": 12, "sh_degree": 0, "target": 10**6}
+    table = compare(TrainConfig("", **settings), [str(data)], tmp_path / "out", [0], ("3dgs",))
+    assert list(table["methods"]) == ["3dgs"] and not table["failed"]
 
 
 def test_tasks_wait_for_the_start_and_times_for_all_runs_of_the_same_data_and_seed(tmp_path):

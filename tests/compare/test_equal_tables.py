@@ -146,14 +146,22 @@ def test_the_nearest_run_is_that_of_the_nearest_ratio_and_nothing_is_interpolate
     paper = row("paper", [29.0], megabytes=0.9, seconds=4346.0, **{"0.2": (29.7, 1.9), "0.4": (29.9, 4.1)})
     rows = {"ours": ours, "paper": paper}
     assert nearest(paper, "megabytes", 2.0) == "0.2" and nearest(paper, "megabytes", 1.0) == ""
-    by_size, by_time = tables_of_equals(rows, "0.1")
+    by_size, by_time = tables_of_equals(rows, 0.1)
     assert by_size["rows"] == [["ours", "0.1", "2.00", "1.00", "30.00"], ["paper", "0.2", "1.90", "0.95", "29.70"]]
     assert by_time["rows"][1][:4] == ["paper", "0.1", "4,346", "434.60"]
 
 
+def test_targets_of_a_million_are_told_in_full():
+    paper = row("paper", [29.0], 1.0, 10.0, **{"1e+06": (29.7, 1.9)})
+    rows = {"ours": row("ours", [30.0], megabytes=2.0), "paper": paper}
+    by_size, by_time = tables_of_equals(rows, 1_234_567.0)
+    assert [line[1] for line in by_size["rows"]] == ["1,234,567", "1,000,000"]
+    assert [line[1] for line in by_time["rows"]] == ["1,234,567", "1,234,567"]
+
+
 def test_only_what_keeps_all_primitives_is_said_to_have_them():
     rows = {name: row(name, [30.0]) for name in METHODS}
-    by_size, _ = tables_of_equals(rows, "0.1")
+    by_size, _ = tables_of_equals(rows, 0.1)
     assert [line[0] for line in by_size["rows"] if line[1] == "all primitives"] == ["3dgs", "3dgs_equal", "3dgs_early"]
 
 

@@ -1,5 +1,8 @@
 """COLMAP folders: layouts, encodings, smaller images, lenses, and one line for each kind of damage."""
 
+import shutil
+import struct
+
 import numpy as np
 import pytest
 from dataset_folders import HEIGHT, N_VIEWS, WIDTH, colmap_folder, error_of, write_images
@@ -21,6 +24,49 @@ def test_colmap_layouts_and_both_encodings_give_the_same_views_points_and_observ
     check = check_cameras(dataset)
     assert check.reprojection_px is not None and check.reprojection_px < 1e-5
     assert check.color_difference is not None and check.color_difference < 1e-6
+
+
+def test_smaller_images_do_without_those_at_full_size(tmp_path):
+    """Of large captures people keep no others."""
+    colmap_folder(tmp_path)
+    write_images(tmp_path / "images_3", [f"img_{i:02d}.png" for i in range(N_VIEWS)], (7, 5), color=(0, 0, 255))
+    expected = load_dataset(tmp_path, 3)
+    shutil.rmtree(tmp_path / "images")
+    for path in (tmp_path, tmp_path / "sparse" / "0"):
+        found = load_dataset(path, 3)
+        assert [view.name for view in found.views] == [view.name for view in expected.views]
+        assert found.train[0].camera.width == 7
+    for downscale in (1, 2):
+        said = "images: no such folder, only images_3; give --downscale 3, or put the images at full size there"
+        assert said in error_of(tmp_path, downscale=downscale)
+
+
+@pytest.mark.parametrize("before", ["images/", "images\\", "/home/somebody/photos/", "C:\\photos\\of it\\", "left/"])
+@pytest.mark.parametrize("downscale", [1, 3])
+def test_images_are_found_by_the_last_part_of_a_path_that_leads_nowhere(tmp_path, before, downscale):
+    """As the loader of 3DGS finds them, and so what is made for it."""
+    colmap_folder(tmp_path)
+    write_images(tmp_path / "images_3", [f"img_{i:02d}.png" for i in range(N_VIEWS)], (7, 5), color=(0, 0, 255))
+    path = tmp_path / "sparse" / "0" / "images.txt"
+    path.write_text(path.read_text().replace("img_", f"{before}img_"))
+    dataset = load_dataset(tmp_path, downscale)
+    assert len(dataset.views) == N_VIEWS and dataset.train[0].camera.width == WIDTH // downscale
+    assert (dataset.train[0].image[0, 0, 2] == 1) == (downscale == 3)
+    (tmp_path / "images" / "img_04.png").unlink()
+    if downscale == 1:
+        assert f"img_04.png: image not found (1 of {N_VIEWS} are missing)" in error_of(tmp_path)
+
+
+def test_images_of_one_name_in_folders_that_are_not_there_are_not_mixed_up(tmp_path):
+    colmap_folder(tmp_path)
+    path = tmp_path / "sparse" / "0" / "images.txt"
+    names = {f"img_{i:02d}": f"camera_{i}/0" for i in range(N_VIEWS)}
+    text = path.read_text()
+    for old, new in names.items():
+        text = text.replace(old, new)
+    path.write_text(text)
+    write_images(tmp_path / "images", ["0.png"])
+    assert f"camera_0/0.png: image not found (10 of {N_VIEWS} are missing)" in error_of(tmp_path)
 
 
 def test_text_files_of_windows_are_read(tmp_path):
@@ -71,8 +117,11 @@ def test_distortion_of_zero_is_a_pinhole_and_a_lens_that_is_not_known_asks_for_t
     assert (view.camera.fx, view.camera.width, view.camera.height) == (20, WIDTH, HEIGHT)
     colmap_folder(tmp_path, camera="THIN_PRISM_FISHEYE", params=(20, 20, 10.5, 7.5, *[0.0] * 8))
     assert "THIN_PRISM_FISHEYE, which is none of SIMPLE_PINHOLE" in error_of(tmp_path)
-    colmap_folder(tmp_path, camera="FULL_OPENCV", params=(20, 20, 10.5, 7.5, *[0.01] * 8))
-    assert "FULL_OPENCV with" in error_of(tmp_path) and "image_undistorter" in error_of(tmp_path)
+    colmap_folder(tmp_path, text=False)
+    file = tmp_path / "sparse" / "0" / "cameras.bin"
+    file.write_bytes(file.read_bytes().replace(struct.pack("<ii", 7, 1), struct.pack("<ii", 7, 10)))
+    assert "the model THIN_PRISM_FISHEYE, which is none of" in error_of(tmp_path)
+    assert "image_undistorter" in error_of(tmp_path)
 
 
 @pytest.mark.parametrize("file", ["cameras.bin", "images.bin", "points3D.bin"])
@@ -111,6 +160,18 @@ def test_a_damaged_text_model_is_one_line(tmp_path, file, old, new, expected):
     assert old in text
     path.write_text(text.replace(old, new, 1))
     assert expected in error_of(tmp_path)
+
+
+def test_images_without_a_line_for_their_points_are_told_what_is_missing(tmp_path):
+    """As people write them who know the poses."""
+    colmap_folder(tmp_path)
+    path = tmp_path / "sparse" / "0" / "images.txt"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(line for line in lines if line.endswith(".png")))
+    said = 'line 2 is of an image, and not of the points that "img_09.png" sees; put an empty line after that of each'
+    assert said in error_of(tmp_path)
+    path.write_text("\n".join(f"{line}\n" for line in lines if line.endswith(".png")))
+    assert len(load_dataset(tmp_path).views) == N_VIEWS
 
 
 def test_a_model_without_images_or_without_points_says_so_or_loads(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from dataset_folders import HEIGHT, WIDTH, error_of, transforms_folder, write_images
 from mi_dogsplat.datasets import View, camera_extent, load_dataset
 from mi_dogsplat.datasets.dataset import as_bytes, from_bytes, held
-from mi_dogsplat.datasets.images import header, read_image
+from mi_dogsplat.datasets.images import header, image_size, read_image
 from mi_dogsplat.scene.cameras import Camera, affine, opengl_c2w_to_opencv_w2c
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
@@ -166,3 +166,19 @@ def test_camera_extent_is_a_tenth_more_than_the_largest_distance_from_the_mean_c
 def test_images_that_stay_on_disk_are_not_decoded_to_judge_the_cameras(data, monkeypatch):
     monkeypatch.setattr("mi_dogsplat.datasets.view_images.read_image", lambda path: pytest.fail(f"decodes {path}"))
     assert len(load_dataset(data, on_disk=True).points)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "it is empty"),
+        (b"\0\0\0\x18ftypheic\0\0\0\0mif1heic", "it is HEIC: export it as JPEG or PNG"),
+        (b"\0\0\0\x1cftypavif\0\0\0\0", "it is AVIF: export it as JPEG or PNG"),
+        (b"no picture at all", "it is no PNG, JPEG, WEBP, TIFF, BMP, PPM or GIF"),
+    ],
+)
+@pytest.mark.parametrize("read", [read_image, image_size])
+def test_files_of_other_formats_are_told_by_what_they_are(tmp_path, content, said, read):
+    (tmp_path / "a.jpg").write_bytes(content)
+    with pytest.raises(DataError, match=rf"a\.jpg: cannot be read as an image \({said}\); replace the file or remove"):
+        read(tmp_path / "a.jpg")

@@ -14,6 +14,7 @@ from mi_dogsplat.support.errors import DataError
 LENSES = {
     "PINHOLE": (20, 21, 10.5, 7.5),
     "OPENCV": (20, 21, 10.5, 7.5, 0.05, 0.01, 0.002, -0.001),
+    "FULL_OPENCV": (20, 21, 10.5, 7.5, 0.05, 0.01, 0.002, -0.001, 0.003, 0.02, -0.01, 0.001),
     "OPENCV_FISHEYE": (20, 21, 10.5, 7.5, 0.02, 0.001, 0.0, 0.0),
 }
 
@@ -81,3 +82,11 @@ def test_photographs_are_required():
     require_photographs(Path("photos"))
     with pytest.raises(DataError, match="exact; train without --refine-poses"):
         require_photographs(Path("scene.xml"))
+
+
+def test_poses_of_smaller_images_alone_are_not_refined(tmp_path):
+    colmap_folder(tmp_path)
+    require_photographs(tmp_path)
+    (tmp_path / "images").rename(tmp_path / "images_2")
+    with pytest.raises(DataError, match="images: no such folder, and refined poses are those of its images; put the"):
+        require_photographs(tmp_path)

@@ -4,10 +4,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from dataset_folders import HEIGHT, WIDTH, colmap_folder, error_of, transforms_folder
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.datasets.dataset import held_out
+from mi_dogsplat.datasets.dataset import View, held_out, views_named
+from mi_dogsplat.scene.cameras import Camera
 from scene_files import scene_file
 
 
@@ -71,3 +73,26 @@ def test_a_mitsuba_scene_renders_the_same_pictures_of_the_views_that_are_left(tm
     assert [view.name for view in dataset.test] == ["cam1"]
     assert [view.name for view in dataset.train] == ["cam2", "cam3"]
     assert all((view.image == pictures[view.name]).all() for view in dataset.views)
+
+
+def test_views_of_large_captures_are_chosen_in_one_pass():
+    """A set of all names for each of them would take a minute for 20,000."""
+
+    class Names(list):
+        passes = 0
+
+        def __iter__(self):
+            self.passes += 1
+            return super().__iter__()
+
+    views = [View(str(i), Camera(np.eye(4), 1, 1, 0.5, 0.5, 1, 1), np.zeros((1, 1, 3), np.float32)) for i in range(9)]
+    names = Names(["8", "2", "none"])
+    assert [view.name for view in views_named(views, names)] == ["2", "8"] and names.passes == 1
+
+
+def test_an_image_that_is_to_be_trained_on_and_to_be_measured_is_told(tmp_path):
+    transforms_folder(tmp_path, "transforms_train.json")
+    content = json.loads((tmp_path / "transforms_train.json").read_text())
+    (tmp_path / "transforms_test.json").write_text(json.dumps(content | {"frames": content["frames"][1:2]}))
+    said = 'transforms_test.json: "r_1" is in transforms_train.json too; remove it from one of the two'
+    assert error_of(tmp_path).endswith(said)

@@ -167,7 +167,7 @@ def test_points_come_from_a_colmap_model_of_the_same_poses_whatever_its_lenses_a
     ("change", "expected"),
     [
         ({"k5": 0.1}, "k1 to k6"),
-        ({"camera_model": "FULL_OPENCV", "k1": 0.1}, "FULL_OPENCV"),
+        ({"camera_model": "FULL_OPENCV", "is_fisheye": True}, "FULL_OPENCV"),
         ({"camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
         ({"ftheta_p0": 0.0, "ftheta_p1": 0.001}, "a lens ftheta_p0"),
         ({"latlong": True}, "a lens latlong"),

@@ -1,10 +1,13 @@
 """Names of views that share an output file are refused as the data are read, before hours of training."""
 
 import json
+from unicodedata import normalize
 
 import pytest
+from dataset_folders import colmap_folder, transforms_folder, write_images
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import PICTURE_ENDS, require_unique_names, view_name
+from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.support.errors import DataError
 
 
@@ -42,3 +45,45 @@ def test_a_data_set_is_refused_as_it_is_read(data, tmp_path):
     (tmp_path / "transforms.json").write_text(json.dumps(content))
     with pytest.raises(DataError, match='"a" and "a_gt"'):
         load_dataset(tmp_path)
+
+
+@pytest.mark.parametrize(("told", "on_disk"), [("NFC", "NFD"), ("NFD", "NFC")])
+@pytest.mark.parametrize("kind", ["colmap", "transforms"])
+def test_letters_with_marks_are_found_however_systems_spell_them(tmp_path, kind, told, on_disk):
+    """Names go from macOS, which takes letters and marks apart, to other systems, and back; those of masks do, too."""
+    colmap_folder(tmp_path) if kind == "colmap" else transforms_folder(tmp_path)
+    old = "img_03" if kind == "colmap" else "r_1"
+    for text in [tmp_path / "sparse" / "0" / "images.txt"] if kind == "colmap" else [tmp_path / "transforms.json"]:
+        content = text.read_text(encoding="utf-8").replace(old, normalize(told, "Büste"))
+        text.write_text(content, encoding="utf-8")
+    (tmp_path / "images" / f"{old}.png").rename(tmp_path / "images" / f"{normalize(on_disk, 'Büste')}.png")
+    views = load_dataset(tmp_path).views
+    (view,) = [view for view in views if normalize("NFC", view.name) == "Büste"]
+    write_images(tmp_path / "masks", [f"{normalize(on_disk, 'Büste')}.png"], color=(0, 0, 0))
+    mask = Masks(tmp_path / "masks", [view]).of(view)
+    assert mask is not None and not mask.any()
+
+
+@pytest.mark.parametrize("kind", ["colmap", "transforms"])
+def test_an_extension_of_another_case_is_the_same_as_on_the_system_of_the_capture(tmp_path, kind):
+    if kind == "colmap":
+        colmap_folder(tmp_path)
+        text, old = tmp_path / "sparse" / "0" / "images.txt", "img_03.png"
+    else:
+        transforms_folder(tmp_path)
+        text, old = tmp_path / "transforms.json", "r_1"
+    text.write_text(text.read_text().replace(old, old.partition(".")[0] + ".Png"))
+    before = len(load_dataset(tmp_path).views)
+    file = tmp_path / "images" / (old.partition(".")[0] + ".png")
+    file.rename(file.with_suffix(".PNG"))
+    assert len(load_dataset(tmp_path).views) == before
+
+
+def test_the_extension_that_is_left_out_is_a_lower_one_first(tmp_path):
+    """As it was before others were looked for."""
+    transforms_folder(tmp_path)
+    for file in (tmp_path / "images").iterdir():
+        file.rename(file.with_suffix(".PNG"))
+    write_images(tmp_path / "images", ["r_1.jpg"], color=(0, 0, 255))
+    image = next(view.image for view in load_dataset(tmp_path).views if view.name == "r_1")
+    assert image[0, 0, 2] > 0.9 and image[0, 0, 0] < 0.1

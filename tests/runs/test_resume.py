@@ -180,6 +180,16 @@ def test_resuming_needs_the_same_settings(data, tmp_path, monkeypatch):
         run.train(config_of(data, seed=1), tmp_path, resume=True)
 
 
+@pytest.mark.usefixtures("ordered")
+def test_a_run_goes_on_with_its_images_on_disk_to_the_same_bits(data, whole, tmp_path):
+    """As it may need to, if it was killed for its memory."""
+    with Interrupt(34), pytest.raises(Stopped):
+        run.train(config_of(data, preset="ours"), tmp_path)
+    run.train(config_of(data, preset="ours", data_on_disk=True), tmp_path, resume=True)
+    assert (tmp_path / "point_cloud.ply").read_bytes() == (whole["ours"] / "point_cloud.ply").read_bytes()
+    assert without_clock(history_of(tmp_path)) == without_clock(history_of(whole["ours"]))
+
+
 @pytest.fixture(scope="module")
 def begun(data, tmp_path_factory):
     """A run of one step, whose data were named by a relative path, and the folder that this is relative to."""

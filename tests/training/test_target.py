@@ -40,3 +40,10 @@ def test_a_configuration_with_a_size_is_written_and_read():
     assert config.target_bytes == 2_000_000
     assert TrainConfig(**json.loads(json.dumps(asdict(config)))) == config
     assert TrainConfig("photos", target="10%").target_bytes is None
+
+
+def test_counts_are_refused_with_all_of_their_digits():
+    with pytest.raises(DataError, match=r"1,234,567 primitives are not fewer than --max-primitives 1,000,000;"):
+        TrainConfig("photos", target=1_234_567, max_primitives=1_000_000)
+    with pytest.raises(DataError, match="--target: 1,234,567 needs pruning"):
+        TrainConfig("photos", preset="3dgs", target=1_234_567).require_pruning()

@@ -9,7 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from ...render.picture_options import PictureOptions
-from ...runs.stopping import signals_to
+from ...runs.stopping import signals_to, stop_signals
 from ...support.errors import DataError
 from ...support.variants import set_variant
 from ..flags import MODEL_HELP, add_picture_flags, add_view_flags, given_settings
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
                 flag = f"--{name.replace('_', '-')}"
                 raise DataError(flag, "is for models: a scene says by itself what is drawn, and how", "leave it out")
         # what Mitsuba renders in one piece lets no handler of Python begin: signals end it at once, without a line
-        drawing = signals_to(signal.SIG_DFL, signal.SIGINT, signal.SIGTERM)
+        drawing = signals_to(signal.SIG_DFL, *stop_signals())
         with _bar() as bar:
             render_scene(args.model, args.out, args.spp, bar.show if bar else None, drawing)
     else:

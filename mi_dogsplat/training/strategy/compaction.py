@@ -49,9 +49,11 @@ class Compaction(Strategy[Compacted]):
     given: tuple[RowGroup, ...] = ()  # of which all primitives are to get rows
 
     def new_state(self, t: Training) -> Compacted:
-        """Raises ``DataError`` where the file of a single primitive in its mean colour is too large."""
-        if self.kind.size(self.kind.foreseen(one_gaussian())) > self.size:
-            raise self._nothing_fits(self.size)
+        """Raises ``DataError`` where the file of a single primitive in its mean colour, with all rows that it is to
+        get, is too large: they count in the first rounds, and none of them may go by then."""
+        least = self.kind.size(self.kind.foreseen(with_rows(one_gaussian(), self.given)))
+        if least > self.size:
+            raise self._nothing_fits(self.size, f": one takes {least} bytes or more")
         return Compacted()
 
     def due(self, t: Training, state: Compacted) -> bool:
@@ -149,9 +151,9 @@ class Compaction(Strategy[Compacted]):
             return best
         raise self._nothing_fits(budget)
 
-    def _nothing_fits(self, budget: int) -> DataError:
+    def _nothing_fits(self, budget: int, least: str = "") -> DataError:
         problem = f"no primitive fits into {budget} bytes of {self.kind.name}"
-        return DataError("--target", problem, "use a larger size")
+        return DataError("--target", problem, f"use a larger size{least}")
 
 
 def one_gaussian() -> Splats:

@@ -1,5 +1,6 @@
 """Training to the size of a file: never above it, bytes divided among primitives, bands and DoG rows."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -172,7 +173,21 @@ def test_a_run_whose_primitives_have_all_faded_says_so(data, tmp_path, name, mon
         list(run_to_end(trainer))
 
 
-@pytest.mark.parametrize(("format", "target"), [("spz", "20B"), ("sog", "1kB"), ("ply", "300B")])
-def test_a_file_into_which_nothing_fits_is_refused_before_the_training(data, format, target):
-    with pytest.raises(DataError, match="--target.*no primitive fits into .* bytes of"):
-        Trainer(config_of(data, target=target, format=format), load_dataset(data))
+@pytest.mark.parametrize(
+    ("format", "target", "preset"),
+    [("spz", "20B", "ours"), ("sog", "1kB", "ours"), ("ply", "300B", "ours"), ("ply", "700B", "ours_slopes"),
+     ("ply", "1.4kB", "ours_shifts")],
+)  # fmt: skip
+def test_a_file_into_which_nothing_fits_is_refused_before_the_training(data, format, target, preset):
+    with pytest.raises(DataError, match="--target.*no primitive fits into .* bytes of .*: one takes .* bytes or more"):
+        Trainer(config_of(data, target=target, format=format, preset=preset), load_dataset(data))
+
+
+@pytest.mark.parametrize("preset", ["ours", "ours_slopes", "ours_shifts"])
+def test_the_size_that_is_said_to_be_the_least_holds_a_model(data, preset):
+    with pytest.raises(DataError) as refused:
+        Trainer(config_of(data, target="300B", preset=preset), load_dataset(data))
+    least = re.search(r"one takes (\d+) bytes", str(refused.value))
+    assert least
+    trainer = Trainer(config_of(data, target=f"{least[1]}B", preset=preset, steps=30), load_dataset(data))
+    assert list(run_to_end(trainer))[-1]["n"] == 1
