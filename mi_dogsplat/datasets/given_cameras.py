@@ -14,8 +14,10 @@ from ..scene.cameras import Camera
 from ..scene.mitsuba_cameras import SQUARE_TOLERANCE, camera_from_mitsuba
 from ..support.errors import DataError
 from ..support.files import read_json
-from .camera_paths import FAR, NEAR, Shot
+from .camera_paths import FAR, Shot
 from .dataset import require_unique_names
+
+NEAR = 1e-8  # clipping distance, times the size of a scene with all of its sky: float32 can tell no less there
 
 
 def sensor_shots(path: Path, scene: Any, downscale: int) -> list[Shot]:
@@ -58,7 +60,7 @@ def _unmirrored(camera: Camera) -> Camera:
 def listed_shots(path: Path, extent: float, downscale: int) -> list[Shot]:
     """A shot per camera of a JSON list, each as in ``camera_file.py``, with a ``name`` where it has one.
 
-    ``extent`` is the size of the scene, for the clipping distances. Raises ``DataError`` that names the camera.
+    ``extent`` is the size of the scene, for the clipping distance. Raises ``DataError`` that names the camera.
     """
     content = read_json(path, f"{FORMAT} for each, in a JSON list")
     if not isinstance(content, list) or not content:
@@ -70,7 +72,7 @@ def listed_shots(path: Path, extent: float, downscale: int) -> list[Shot]:
         except (ValueError, TypeError, OverflowError, KeyError) as error:
             raise DataError(path, f"camera {i}: {error}", FORMAT) from error
         name = re.sub(r"[^\w.-]", "_", str(entry.get("name", f"{i:03d}")))
-        shots.append(Shot(name, camera, NEAR * extent, FAR * extent))
+        shots.append(Shot(name, camera, NEAR * extent, FAR))
     require_unique_names(path, [shot.name for shot in shots])
     return shots
 

@@ -160,6 +160,17 @@ def test_listed_cameras_are_captured_as_they_are_each_with_its_own_lens(tmp_path
         assert camera.fx == camera.fy == pytest.approx(30 + i, rel=2e-4)
 
 
+@pytest.mark.parametrize("listed", [False, True])
+def test_a_sky_is_seen_however_far_it_is_and_so_is_what_stands_near_before_it(tmp_path, listed):
+    dome = """<shape type="sphere"><float name="radius" value="20000"/><boolean name="flip_normals" value="true"/>
+        <emitter type="area"><rgb name="radiance" value="0, 1, 0"/></emitter></shape>"""
+    settings: dict = {"path": str(cameras_file(tmp_path, {}))} if listed else {"views": 1}
+    config = CaptureConfig(spp=4, points=0, test=0, alpha=False, **settings)
+    view = load_dataset(capture(write_scene(tmp_path, dome, light=""), tmp_path / "out", config)).views[0]
+    np.testing.assert_allclose(view.image[0, 0], (0, 1, 0), atol=0.01)
+    assert (view.image[..., 1] < 0.95).mean() > 0.1  # the balls
+
+
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
