@@ -30,7 +30,7 @@ from ..support.variants import require_arrays
 from ..support.wording import counted
 from .auto_exposure import white_of_lights
 from .camera_paths import Shot, circling_shots
-from .capture_config import CaptureConfig
+from .capture_config import PATHS, CaptureConfig
 from .dataset import TEST_EVERY
 from .given_cameras import auto_up, listed_shots, sensor_shots
 from .images import read_image
@@ -148,7 +148,7 @@ def _tests(config: CaptureConfig, n: int) -> set[int]:
 
 def _settings(scene_path: Path, config: CaptureConfig) -> dict[str, Any]:
     """What decides on the pictures: the flags, and the contents of the scene's file and of the list of cameras."""
-    files = {"scene": scene_path} | ({"cameras": Path(config.path)} if config.path.endswith(".json") else {})
+    files = {"scene": scene_path} | ({"cameras": Path(config.path)} if config.path not in PATHS else {})
     digests = {f"{name}_sha256": hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
     return json.loads(json.dumps({"scene": str(scene_path), **digests, **dataclasses.asdict(config)}))
 

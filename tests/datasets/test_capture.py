@@ -309,11 +309,12 @@ def test_a_capture_of_a_version_that_knew_no_radiance_can_be_gone_on_with(balls,
     assert contents(capture(balls, out, tiny())) == contents(captured) and rendered == []
 
 
-def test_a_scene_or_list_of_cameras_that_has_changed_is_not_mixed_with_the_older_one(tmp_path):
+@pytest.mark.parametrize("name", ["cameras.json", "CAMERAS.JSON"])
+def test_a_scene_or_list_of_cameras_that_has_changed_is_not_mixed_with_the_older_one(tmp_path, name):
     scene = write_scene(tmp_path)
     camera = {"w2c": np.eye(4).tolist(), "fx": 20, "width": 8, "height": 6}
     camera["w2c"][2][3] = 5.0
-    cameras = tmp_path / "cameras.json"
+    cameras = tmp_path / name
     cameras.write_text(json.dumps([camera, camera]))
     config = CaptureConfig(path=str(cameras), spp=1, points=10)
     capture(scene, tmp_path / "out", config)
