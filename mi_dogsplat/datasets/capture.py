@@ -35,7 +35,7 @@ from .dataset import TEST_EVERY
 from .given_cameras import auto_up, listed_shots, sensor_shots
 from .images import read_image
 from .point_ply import write_point_ply
-from .scene_file import framing_sphere, load_scene, shows_splats, warn_of_unseen_splats
+from .scene_file import files_read, framing_sphere, load_scene, shows_splats, warn_of_unseen_splats
 from .traced_view import as_srgb, depth_of, first_seen, render_shot
 from .transforms import intrinsics_of
 
@@ -147,10 +147,19 @@ def _tests(config: CaptureConfig, n: int) -> set[int]:
 
 
 def _settings(scene_path: Path, config: CaptureConfig) -> dict[str, Any]:
-    """What decides on the pictures: the flags, and the contents of the scene's file and of the list of cameras."""
-    files = {"scene": scene_path} | ({"cameras": Path(config.path)} if config.path not in PATHS else {})
-    digests = {f"{name}_sha256": hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
+    """What decides on the pictures: the flags, and the contents of the scene's file, with those that it includes, and
+    of the list of cameras."""
+    files = {"scene": files_read(scene_path)} | ({"cameras": [Path(config.path)]} if config.path not in PATHS else {})
+    digests = {f"{name}_sha256": _sha256(parts) for name, parts in files.items()}
     return json.loads(json.dumps({"scene": str(scene_path), **digests, **dataclasses.asdict(config)}))
+
+
+def _sha256(files: list[Path]) -> str:
+    """The digest of what is in some files, one after the other."""
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def _image_name(shot: Shot, config: CaptureConfig) -> str:

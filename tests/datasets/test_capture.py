@@ -325,6 +325,15 @@ def test_a_scene_or_list_of_cameras_that_has_changed_is_not_mixed_with_the_older
     assert "the file of the scene has changed" in error_of(scene, tmp_path / "out", config)
 
 
+def test_a_scene_of_which_an_included_file_has_changed_is_another(tmp_path):
+    scene, included = write_scene(tmp_path, '<include filename="more.xml"/>'), tmp_path / "more.xml"
+    included.write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
+    config = tiny(views=1, test=0, size=(8, 6), spp=1, points=0)
+    capture(scene, tmp_path / "out", config)
+    included.write_text('<scene version="3.0.0"><shape type="cube"/></scene>')
+    assert "the file of the scene has changed" in error_of(scene, tmp_path / "out", config)
+
+
 def test_what_a_kill_left_is_removed_and_one_capture_at_a_time_writes(balls, captured, tmp_path):
     shutil.copytree(captured, out := tmp_path / "out")
     (out / "images" / ".002.png.0123456789ab.part").write_bytes(b"half a picture")
