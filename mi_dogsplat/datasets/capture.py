@@ -23,7 +23,7 @@ from ..support.errors import DataError
 from ..support.files import remove_parts, replacing
 from ..support.locks import locked
 from ..support.pictures import write_exr, write_png, write_radiance
-from ..support.resumable import begin
+from ..support.resumable import begun
 from ..support.scene_errors import scene_error
 from ..support.srgb import displayed, luminance
 from ..support.variants import require_arrays
@@ -79,8 +79,8 @@ def capture(
     require_arrays()
     scene_path, out = Path(scene_path), Path(out)
     plan = _plan(scene_path, config)
-    begin(out / SETTINGS, _settings(scene_path, config), "capture", FREE, BEFORE)
-    with locked(out, "another capture is writing to it"):
+    settings = _settings(scene_path, config)
+    with begun(out / SETTINGS, settings, "capture", FREE, BEFORE), locked(out, "another capture is writing to it"):
         remove_parts(out)
         _fill(mi, plan, out, progress)
     return out
