@@ -35,10 +35,11 @@ def sensor_shots(path: Path, scene: Any, downscale: int) -> list[Shot]:
         try:
             if any(name.startswith("medium.") for name, _ in mi.traverse(sensor)):
                 raise ValueError("it stands in a medium, which a capture would leave out")
-            camera = _unmirrored(camera_from_mitsuba(sensor)).downscaled(downscale)
+            camera = _unmirrored(camera_from_mitsuba(sensor))
         except ValueError as error:
             remedy = "only perspective sensors outside of media can be captured: change or remove it"
-            raise DataError(path, f'sensor "{sensor.id()}": {error}', remedy) from error
+            raise DataError(path, f"{told(sensor, i)}: {error}", remedy) from error
+        camera = shrunk(path, camera, told(sensor, i), downscale)
         shots.append(Shot(sensor_name(sensor.id(), i), camera, float(sensor.near_clip()), float(sensor.far_clip())))
     require_unique_names(path, [shot.name for shot in shots])
     return shots
@@ -48,6 +49,19 @@ def sensor_name(sensor_id: str, index: int) -> str:
     """The sensor's id as a file name; Mitsuba's own ids of unnamed objects (``_unnamed_3``) give way to the index."""
     named = sensor_id and not sensor_id.startswith("_unnamed")
     return re.sub(r"[^\w.-]", "_", sensor_id) if named else f"sensor_{index:03d}"
+
+
+def told(sensor: Any, index: int) -> str:
+    """What a message calls a sensor of a scene."""
+    return f'sensor "{sensor.id() or index}"'
+
+
+def shrunk(path: Path, camera: Camera, which: str, downscale: int) -> Camera:
+    """The camera of the smaller image. Raises ``DataError`` that says ``which`` of the file has too few pixels."""
+    try:
+        return camera.downscaled(downscale)
+    except ValueError as error:
+        raise DataError(path, f"{which}: {error}", "choose a smaller downscale factor") from error
 
 
 def _unmirrored(camera: Camera) -> Camera:
@@ -68,9 +82,10 @@ def listed_shots(path: Path, extent: float, downscale: int) -> list[Shot]:
     shots = []
     for i, entry in enumerate(content):
         try:
-            camera = _square(camera_from_json(entry)).downscaled(downscale)
+            camera = _square(camera_from_json(entry))
         except (ValueError, TypeError, OverflowError, KeyError) as error:
             raise DataError(path, f"camera {i}: {error}", FORMAT) from error
+        camera = shrunk(path, camera, f"camera {i}", downscale)
         name = re.sub(r"[^\w.-]", "_", str(entry.get("name", f"{i:03d}")))
         shots.append(Shot(name, camera, NEAR * extent, FAR))
     require_unique_names(path, [shot.name for shot in shots])

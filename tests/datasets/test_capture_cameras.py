@@ -123,6 +123,14 @@ def test_other_sensors_are_refused_in_a_line_that_names_what_can_be_captured(tmp
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("listed", "which"), [(False, 'sensor "eye"'), (True, "camera 0")])
+def test_cameras_with_too_few_pixels_to_shrink_are_told_so(tmp_path, listed, which):
+    scene = write_scene(tmp_path, sensor("eye"))
+    file = cameras_file(tmp_path, {}) if listed else scene
+    message = error_of(scene, tmp_path / "out", CaptureConfig(path=str(file) if listed else "sensors", downscale=50))
+    assert message.startswith(f"{file}: {which}: Camera: a ") and "; choose a smaller downscale factor" in message
+
+
 def test_a_sensor_in_fog_is_refused_and_so_is_a_scene_without_sensors(tmp_path):
     fog = sensor("odd", extra='<medium type="homogeneous"/>')
     config = CaptureConfig(path="sensors")
