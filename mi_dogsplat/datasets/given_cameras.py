@@ -86,7 +86,8 @@ def listed_shots(path: Path, extent: float, downscale: int) -> list[Shot]:
         except (ValueError, TypeError, OverflowError, KeyError) as error:
             raise DataError(path, f"camera {i}: {error}", FORMAT) from error
         camera = shrunk(path, camera, f"camera {i}", downscale)
-        name = re.sub(r"[^\w.-]", "_", str(entry.get("name", f"{i:03d}")))
+        named = entry.get("name") not in (None, "")  # what programs write for a camera that has no name
+        name = re.sub(r"[^\w.-]", "_", str(entry["name"])) if named else f"{i:03d}"
         shots.append(Shot(name, camera, NEAR * extent, FAR))
     require_unique_names(path, [shot.name for shot in shots])
     return shots

@@ -12,6 +12,7 @@ from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.capture import capture
 from mi_dogsplat.datasets.capture_config import CaptureConfig
+from mi_dogsplat.datasets.given_cameras import listed_shots
 from mi_dogsplat.datasets.scene_file import load_scene
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
@@ -166,6 +167,12 @@ def test_listed_cameras_are_captured_as_they_are_each_with_its_own_lens(tmp_path
         np.testing.assert_allclose(camera.w2c, w2c, atol=1e-12)
         assert (camera.cx, camera.cy, camera.width, camera.height) == (15.5, 13, 32, 24)
         assert camera.fx == camera.fy == pytest.approx(30 + i, rel=2e-4)
+
+
+@pytest.mark.parametrize("name", ["", None])
+def test_a_listed_camera_without_a_name_is_called_by_its_number(tmp_path, name):
+    (shot,) = listed_shots(cameras_file(tmp_path, {"name": name}), 1.0, 1)
+    assert shot.name == "000"
 
 
 @pytest.mark.parametrize("listed", [False, True])
