@@ -86,6 +86,13 @@ def test_points_lie_on_the_surfaces_whose_colour_they_have(captured):
     assert (bright == signs).mean() > 0.9  # not all: pixels at an outline mix two colours
 
 
+def test_a_sky_of_which_each_view_has_its_own_part_does_not_make_the_poses_look_wrong(tmp_path):
+    dome = """<shape type="sphere"><float name="radius" value="100"/><boolean name="flip_normals" value="true"/>
+        <emitter type="area"/></shape>"""
+    data = load_dataset(capture(write_scene(tmp_path, dome, light=""), tmp_path / "out", tiny(views=4)))
+    assert check_cameras(data).seen == 1
+
+
 def test_points_at_outlines_have_the_colour_of_what_is_there_not_of_its_coverage(balls, tmp_path):
     out = capture(balls, tmp_path / "out", tiny(alpha=True, points=1000, spp=16))
     dataset = load_dataset(out)
