@@ -12,7 +12,8 @@ from ..scene.orientation import AXES, rotation_between, up_vector
 from .capture_config import CaptureConfig
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
-NEAR, FAR = 1e-3, 1e3  # clipping distances, times the distance or size of the scene
+NEAR = 1e-3  # clipping distance, times the distance of what is framed
+FAR = 1e37  # beyond any sky: a dome may be larger than what it stands around by any factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,7 @@ def circling_shots(config: CaptureConfig, n: int, center: np.ndarray, radius: fl
     place = orbit if config.path == "orbit" else hemisphere
     positions = center + distance * place(n, up, config.band)  # [n, 3]
     cameras = [Camera(look_at(position, center, up), *intrinsics) for position in positions]
-    return [Shot(f"{i:03d}", camera, NEAR * distance, FAR * distance) for i, camera in enumerate(cameras)]
+    return [Shot(f"{i:03d}", camera, NEAR * distance, FAR) for i, camera in enumerate(cameras)]
 
 
 def hemisphere(n: int, up: str, elevations: tuple[float, float]) -> np.ndarray:

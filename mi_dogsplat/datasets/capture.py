@@ -18,24 +18,24 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.cameras import OPENCV_FROM_OPENGL
+from ..scene.cameras import OPENCV_FROM_OPENGL, Camera
 from ..support.errors import DataError
 from ..support.files import remove_parts, replacing
 from ..support.locks import locked
 from ..support.pictures import write_exr, write_png, write_radiance
-from ..support.resumable import begin
+from ..support.resumable import begun
 from ..support.scene_errors import scene_error
 from ..support.srgb import displayed, luminance
 from ..support.variants import require_arrays
 from ..support.wording import counted
 from .auto_exposure import white_of_lights
 from .camera_paths import Shot, circling_shots
-from .capture_config import CaptureConfig
+from .capture_config import PATHS, CaptureConfig
 from .dataset import TEST_EVERY
 from .given_cameras import auto_up, listed_shots, sensor_shots
 from .images import read_image
 from .point_ply import write_point_ply
-from .scene_file import framing_sphere, load_scene, shows_splats, warn_of_unseen_splats
+from .scene_file import files_read, framing_sphere, load_scene, shows_splats, warn_of_unseen_splats
 from .traced_view import as_srgb, depth_of, first_seen, render_shot
 from .transforms import intrinsics_of
 
@@ -43,6 +43,9 @@ SETTINGS = "capture.json"
 FREE = ("scene", "points")  # settings that may change from one start to the next, as no picture depends on them
 BEFORE = {"hdr": False}  # what captures of earlier versions are, which do not note it
 RESOLUTION = 1e-12  # of a coordinate: what is smaller there has no extent
+# Of the points, in two pictures: of a sky each view has a part of its own, which tells no depth, and where most points
+# are such, readers take the poses for wrong (``check.py``); then those points are left out.
+LEAST_SHARED = 0.75
 POINTS_FACTOR = 4  # points kept of each view, times its share: views that see little are made up for
 
 
@@ -79,8 +82,8 @@ def capture(
     require_arrays()
     scene_path, out = Path(scene_path), Path(out)
     plan = _plan(scene_path, config)
-    begin(out / SETTINGS, _settings(scene_path, config), "capture", FREE, BEFORE)
-    with locked(out, "another capture is writing to it"):
+    settings = _settings(scene_path, config)
+    with begun(out / SETTINGS, settings, "capture", FREE, BEFORE), locked(out, "another capture is writing to it"):
         remove_parts(out)
         _fill(mi, plan, out, progress)
     return out
@@ -147,10 +150,19 @@ def _tests(config: CaptureConfig, n: int) -> set[int]:
 
 
 def _settings(scene_path: Path, config: CaptureConfig) -> dict[str, Any]:
-    """What decides on the pictures: the flags, and the contents of the scene's file and of the list of cameras."""
-    files = {"scene": scene_path} | ({"cameras": Path(config.path)} if config.path.endswith(".json") else {})
-    digests = {f"{name}_sha256": hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
+    """What decides on the pictures: the flags, and the contents of the scene's file, with those that it includes, and
+    of the list of cameras."""
+    files = {"scene": files_read(scene_path)} | ({"cameras": [Path(config.path)]} if config.path not in PATHS else {})
+    digests = {f"{name}_sha256": _sha256(parts) for name, parts in files.items()}
     return json.loads(json.dumps({"scene": str(scene_path), **digests, **dataclasses.asdict(config)}))
+
+
+def _sha256(files: list[Path]) -> str:
+    """The digest of what is in some files, one after the other."""
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def _image_name(shot: Shot, config: CaptureConfig) -> str:
@@ -218,10 +230,22 @@ def _write_points(mi: Any, plan: Plan, out: Path) -> None:
     all_points, all_colors = np.concatenate(points), np.concatenate(colors)
     if not len(all_points):
         raise DataError(plan.file, "no camera sees anything opaque", "check where the cameras stand, or use --points 0")
+    shared = _times_framed(all_points, [plan.shots[i].camera for i in train]) >= min(2, len(train))  # [P]
+    if 0 < shared.mean() < LEAST_SHARED:
+        all_points, all_colors = all_points[shared], all_colors[shared]
     kept = np.random.default_rng(config.seed).permutation(len(all_points))[: config.points]
     if config.hdr:
         all_colors = displayed(all_colors, white_of_lights(luminance(all_colors)))
     write_point_ply(out / "points.ply", all_points[kept], all_colors[kept])
+
+
+def _times_framed(points: np.ndarray, cameras: list[Camera]) -> np.ndarray:
+    """In how many pictures each of the points [P, 3] falls, whatever stands before it, [P]."""
+    times = np.zeros(len(points), np.int64)
+    for camera in cameras:
+        pixels, depth = camera.project(points)  # [P, 2], [P]
+        times += (depth > 0) & ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
+    return times
 
 
 def _transforms(plan: Plan) -> dict[str, Any]:

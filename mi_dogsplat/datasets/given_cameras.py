@@ -14,8 +14,10 @@ from ..scene.cameras import Camera
 from ..scene.mitsuba_cameras import SQUARE_TOLERANCE, camera_from_mitsuba
 from ..support.errors import DataError
 from ..support.files import read_json
-from .camera_paths import FAR, NEAR, Shot
+from .camera_paths import FAR, Shot
 from .dataset import require_unique_names
+
+NEAR = 1e-8  # clipping distance, times the size of a scene with all of its sky: float32 can tell no less there
 
 
 def sensor_shots(path: Path, scene: Any, downscale: int) -> list[Shot]:
@@ -33,10 +35,11 @@ def sensor_shots(path: Path, scene: Any, downscale: int) -> list[Shot]:
         try:
             if any(name.startswith("medium.") for name, _ in mi.traverse(sensor)):
                 raise ValueError("it stands in a medium, which a capture would leave out")
-            camera = _unmirrored(camera_from_mitsuba(sensor)).downscaled(downscale)
+            camera = _unmirrored(camera_from_mitsuba(sensor))
         except ValueError as error:
             remedy = "only perspective sensors outside of media can be captured: change or remove it"
-            raise DataError(path, f'sensor "{sensor.id()}": {error}', remedy) from error
+            raise DataError(path, f"{told(sensor, i)}: {error}", remedy) from error
+        camera = shrunk(path, camera, told(sensor, i), downscale)
         shots.append(Shot(sensor_name(sensor.id(), i), camera, float(sensor.near_clip()), float(sensor.far_clip())))
     require_unique_names(path, [shot.name for shot in shots])
     return shots
@@ -46,6 +49,19 @@ def sensor_name(sensor_id: str, index: int) -> str:
     """The sensor's id as a file name; Mitsuba's own ids of unnamed objects (``_unnamed_3``) give way to the index."""
     named = sensor_id and not sensor_id.startswith("_unnamed")
     return re.sub(r"[^\w.-]", "_", sensor_id) if named else f"sensor_{index:03d}"
+
+
+def told(sensor: Any, index: int) -> str:
+    """What a message calls a sensor of a scene."""
+    return f'sensor "{sensor.id() or index}"'
+
+
+def shrunk(path: Path, camera: Camera, which: str, downscale: int) -> Camera:
+    """The camera of the smaller image. Raises ``DataError`` that says ``which`` of the file has too few pixels."""
+    try:
+        return camera.downscaled(downscale)
+    except ValueError as error:
+        raise DataError(path, f"{which}: {error}", "choose a smaller downscale factor") from error
 
 
 def _unmirrored(camera: Camera) -> Camera:
@@ -58,7 +74,7 @@ def _unmirrored(camera: Camera) -> Camera:
 def listed_shots(path: Path, extent: float, downscale: int) -> list[Shot]:
     """A shot per camera of a JSON list, each as in ``camera_file.py``, with a ``name`` where it has one.
 
-    ``extent`` is the size of the scene, for the clipping distances. Raises ``DataError`` that names the camera.
+    ``extent`` is the size of the scene, for the clipping distance. Raises ``DataError`` that names the camera.
     """
     content = read_json(path, f"{FORMAT} for each, in a JSON list")
     if not isinstance(content, list) or not content:
@@ -66,11 +82,13 @@ def listed_shots(path: Path, extent: float, downscale: int) -> list[Shot]:
     shots = []
     for i, entry in enumerate(content):
         try:
-            camera = _square(camera_from_json(entry)).downscaled(downscale)
+            camera = _square(camera_from_json(entry))
         except (ValueError, TypeError, OverflowError, KeyError) as error:
             raise DataError(path, f"camera {i}: {error}", FORMAT) from error
-        name = re.sub(r"[^\w.-]", "_", str(entry.get("name", f"{i:03d}")))
-        shots.append(Shot(name, camera, NEAR * extent, FAR * extent))
+        camera = shrunk(path, camera, f"camera {i}", downscale)
+        named = entry.get("name") not in (None, "")  # what programs write for a camera that has no name
+        name = re.sub(r"[^\w.-]", "_", str(entry["name"])) if named else f"{i:03d}"
+        shots.append(Shot(name, camera, NEAR * extent, FAR))
     require_unique_names(path, [shot.name for shot in shots])
     return shots
 

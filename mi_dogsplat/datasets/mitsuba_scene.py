@@ -14,7 +14,7 @@ from ..support.pictures import without_aovs
 from ..support.scene_errors import scene_error
 from ..support.srgb import linear_to_srgb
 from .dataset import Dataset, View, every_eighth, held_out, no_points, require_unique_names, views_named
-from .given_cameras import sensor_name
+from .given_cameras import sensor_name, shrunk, told
 from .images import box_downscale, straight_color
 from .scene_file import has_splats, load_scene
 
@@ -47,17 +47,16 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int, split: str = "test"
         if names[i] not in read:
             continue
         try:
-            cameras.append(camera_from_mitsuba(sensor).downscaled(downscale))
+            camera = camera_from_mitsuba(sensor)
         except ValueError as error:
-            raise DataError(
-                file, f'sensor "{sensor.id()}": {error}', "correct or remove that sensor"
-            ) from error
+            raise DataError(file, f"{told(sensor, i)}: {error}", "correct or remove that sensor") from error
+        cameras.append(shrunk(file, camera, told(sensor, i), downscale))
         try:
             linear = _render(mi, scene, i, spp)  # [H, W, 3 or 4]
         except RuntimeError as error:
-            raise scene_error(file, error, f'Mitsuba cannot render sensor "{sensor.id()}"') from error
+            raise scene_error(file, error, f"Mitsuba cannot render {told(sensor, i)}") from error
         if not np.isfinite(linear).all():
-            raise DataError(file, f'the render of sensor "{sensor.id()}" is not finite', "correct the scene")
+            raise DataError(file, f"the render of {told(sensor, i)} is not finite", "correct the scene")
         linear_images.append(box_downscale(linear, downscale))
     has_alpha = any(image.shape[2] == 4 and image[..., 3].min() < 1 for image in linear_images)
     images = [_display(image, has_alpha) for image in linear_images]

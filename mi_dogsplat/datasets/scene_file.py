@@ -77,18 +77,29 @@ def warn_of_unseen_splats(path: Path) -> None:
         log(mi.LogLevel.Warn, f"{path}: {unseen} not seen; use the integrator dogsplat or dogpath")
 
 
+def files_read(path: Path) -> list[Path]:
+    """The XML files of a scene: its own, and those that it includes; it is read, not loaded. Raises ``DataError``."""
+    return [Path(str(file)) for file in _parsed(path).files]
+
+
 def _splats_and_integrators(path: Path) -> tuple[int, set[str]]:
     """(number of ``dog`` shapes, plugins of the integrators, nested ones included) of a scene. Raises ``DataError``."""
     import mitsuba as mi
 
-    config = _parser_config(path)
-    try:
-        state = mi.parser.parse_file(config, str(path))
-    except Exception as error:  # as above
-        raise scene_error(path, error, "Mitsuba cannot load it") from error
-    plugins = [(node.type, node.props.plugin_name()) for node in state.nodes]
+    plugins = [(node.type, node.props.plugin_name()) for node in _parsed(path).nodes]
     n_splats = plugins.count((mi.ObjectType.Shape, "dog"))
     return n_splats, {name for kind, name in plugins if kind == mi.ObjectType.Integrator}
+
+
+def _parsed(path: Path) -> Any:
+    """What Mitsuba's parser makes of a scene. Raises ``DataError``."""
+    import mitsuba as mi
+
+    config = _parser_config(path)
+    try:
+        return mi.parser.parse_file(config, str(path))
+    except Exception as error:  # as above
+        raise scene_error(path, error, "Mitsuba cannot load it") from error
 
 
 def _parser_config(path: Path) -> Any:

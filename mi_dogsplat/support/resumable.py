@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from .errors import DataError
-from .files import is_empty, read_object, write_json
+from .files import LITTER, is_empty, read_object, write_json
 
 
 def begin(
@@ -29,6 +30,25 @@ def begin(
         write_json(file, settings)
     except OSError as error:
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
+
+
+@contextmanager
+def begun(
+    file: Path, settings: dict[str, Any], kind: str, free: Sequence[str] = (), before: Mapping[str, Any] | None = None
+) -> Iterator[None]:
+    """``begin`` for a block that fills the folder. Where it ends with an error and has left nothing there, no settings
+    remain either: what was wrong can be corrected and tried again under the same name."""
+    is_new, is_made = not file.exists(), not file.parent.exists()
+    begin(file, settings, kind, free, before)
+    try:
+        yield
+    except BaseException:
+        if is_new and all(path.name in (file.name, *LITTER) for path in file.parent.iterdir()):
+            with suppress(OSError):  # what ended the block is told
+                file.unlink()
+                if is_made:
+                    file.parent.rmdir()
+        raise
 
 
 def require_same(

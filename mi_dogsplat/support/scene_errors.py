@@ -10,8 +10,11 @@ from .errors import DataError, gist
 PLUGINS = ("dog", "dogsplat", "dogpath")  # their messages begin with their names
 _SOURCE = re.compile(r"\[\w+\.\w+:\d+\] ")  # where in Mitsuba
 _PLACE = re.compile(
-    r'(?:At|While loading) (?:dictionary node "(?P<node>[^"]*)"|(?P<file>.+?) \(line (?P<line>\d+), col \d+\)): '
+    r"(?:At|(?:Error w|W)hile loading) "
+    r'(?:dictionary node "(?P<node>[^"]*)"|(?P<file>.+?) \(line (?P<line>\d+), col \d+\)): '
+    r"(?:while processing <include>: )?"
 )
+_NO_XML = re.compile(r'Parsing of XML file "(?P<file>.+?)" failed: (?P<said>.+) \(line (?P<line>\d+), col \d+\)$')
 _PLUGIN = re.compile(r'failed to instantiate \w+ plugin of type "(?P<type>[^"]+)":\s+(?:\w+: )?')
 
 
@@ -28,15 +31,17 @@ def scene_error(path: Path, error: BaseException, problem: str, remedy: str = "c
     """What an exception says about the scene of a file, with the line that it is about where that is known.
 
     A plugin of ours says what is wrong by itself, and often what to do; what Mitsuba says follows ``problem`` in
-    parentheses.
+    parentheses. Of a file that others include it is the file that is named.
     """
     said, place = _SOURCE.sub("", gist(error), count=1), ""
-    if found := _PLACE.match(said):
-        said = said[found.end() :]
+    while found := _PLACE.match(said):
+        said = _SOURCE.sub("", said[found.end() :], count=1)
         if found["file"]:
             path, place = Path(found["file"]), f"line {found['line']}: "
         elif found["node"] != "root":
             place = f'"{found["node"]}": '
+    if found := _NO_XML.match(said):
+        path, place, said = Path(found["file"]), f"line {found['line']}: ", found["said"]
     if (found := _PLUGIN.match(said)) and found["type"] in PLUGINS:
         said = said[found.end() :]
     if not said.startswith(tuple(f"{name}: " for name in PLUGINS)):

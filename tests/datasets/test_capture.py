@@ -86,6 +86,13 @@ def test_points_lie_on_the_surfaces_whose_colour_they_have(captured):
     assert (bright == signs).mean() > 0.9  # not all: pixels at an outline mix two colours
 
 
+def test_a_sky_of_which_each_view_has_its_own_part_does_not_make_the_poses_look_wrong(tmp_path):
+    dome = """<shape type="sphere"><float name="radius" value="100"/><boolean name="flip_normals" value="true"/>
+        <emitter type="area"/></shape>"""
+    data = load_dataset(capture(write_scene(tmp_path, dome, light=""), tmp_path / "out", tiny(views=4)))
+    assert check_cameras(data).seen == 1
+
+
 def test_points_at_outlines_have_the_colour_of_what_is_there_not_of_its_coverage(balls, tmp_path):
     out = capture(balls, tmp_path / "out", tiny(alpha=True, points=1000, spp=16))
     dataset = load_dataset(out)
@@ -309,11 +316,12 @@ def test_a_capture_of_a_version_that_knew_no_radiance_can_be_gone_on_with(balls,
     assert contents(capture(balls, out, tiny())) == contents(captured) and rendered == []
 
 
-def test_a_scene_or_list_of_cameras_that_has_changed_is_not_mixed_with_the_older_one(tmp_path):
+@pytest.mark.parametrize("name", ["cameras.json", "CAMERAS.JSON"])
+def test_a_scene_or_list_of_cameras_that_has_changed_is_not_mixed_with_the_older_one(tmp_path, name):
     scene = write_scene(tmp_path)
     camera = {"w2c": np.eye(4).tolist(), "fx": 20, "width": 8, "height": 6}
     camera["w2c"][2][3] = 5.0
-    cameras = tmp_path / "cameras.json"
+    cameras = tmp_path / name
     cameras.write_text(json.dumps([camera, camera]))
     config = CaptureConfig(path=str(cameras), spp=1, points=10)
     capture(scene, tmp_path / "out", config)
@@ -321,6 +329,15 @@ def test_a_scene_or_list_of_cameras_that_has_changed_is_not_mixed_with_the_older
     assert "the file of the cameras has changed" in error_of(scene, tmp_path / "out", config)
     cameras.write_text(json.dumps([camera, camera]))
     scene.write_text(scene.read_text().replace("0.9", "0.8"))
+    assert "the file of the scene has changed" in error_of(scene, tmp_path / "out", config)
+
+
+def test_a_scene_of_which_an_included_file_has_changed_is_another(tmp_path):
+    scene, included = write_scene(tmp_path, '<include filename="more.xml"/>'), tmp_path / "more.xml"
+    included.write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
+    config = tiny(views=1, test=0, size=(8, 6), spp=1, points=0)
+    capture(scene, tmp_path / "out", config)
+    included.write_text('<scene version="3.0.0"><shape type="cube"/></scene>')
     assert "the file of the scene has changed" in error_of(scene, tmp_path / "out", config)
 
 

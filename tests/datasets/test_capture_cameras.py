@@ -12,6 +12,7 @@ from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.capture import capture
 from mi_dogsplat.datasets.capture_config import CaptureConfig
+from mi_dogsplat.datasets.given_cameras import listed_shots
 from mi_dogsplat.datasets.scene_file import load_scene
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
@@ -123,6 +124,14 @@ def test_other_sensors_are_refused_in_a_line_that_names_what_can_be_captured(tmp
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("listed", "which"), [(False, 'sensor "eye"'), (True, "camera 0")])
+def test_cameras_with_too_few_pixels_to_shrink_are_told_so(tmp_path, listed, which):
+    scene = write_scene(tmp_path, sensor("eye"))
+    file = cameras_file(tmp_path, {}) if listed else scene
+    message = error_of(scene, tmp_path / "out", CaptureConfig(path=str(file) if listed else "sensors", downscale=50))
+    assert message.startswith(f"{file}: {which}: Camera: a ") and "; choose a smaller downscale factor" in message
+
+
 def test_a_sensor_in_fog_is_refused_and_so_is_a_scene_without_sensors(tmp_path):
     fog = sensor("odd", extra='<medium type="homogeneous"/>')
     config = CaptureConfig(path="sensors")
@@ -158,6 +167,23 @@ def test_listed_cameras_are_captured_as_they_are_each_with_its_own_lens(tmp_path
         np.testing.assert_allclose(camera.w2c, w2c, atol=1e-12)
         assert (camera.cx, camera.cy, camera.width, camera.height) == (15.5, 13, 32, 24)
         assert camera.fx == camera.fy == pytest.approx(30 + i, rel=2e-4)
+
+
+@pytest.mark.parametrize("name", ["", None])
+def test_a_listed_camera_without_a_name_is_called_by_its_number(tmp_path, name):
+    (shot,) = listed_shots(cameras_file(tmp_path, {"name": name}), 1.0, 1)
+    assert shot.name == "000"
+
+
+@pytest.mark.parametrize("listed", [False, True])
+def test_a_sky_is_seen_however_far_it_is_and_so_is_what_stands_near_before_it(tmp_path, listed):
+    dome = """<shape type="sphere"><float name="radius" value="20000"/><boolean name="flip_normals" value="true"/>
+        <emitter type="area"><rgb name="radiance" value="0, 1, 0"/></emitter></shape>"""
+    settings: dict = {"path": str(cameras_file(tmp_path, {}))} if listed else {"views": 1}
+    config = CaptureConfig(spp=4, points=0, test=0, alpha=False, **settings)
+    view = load_dataset(capture(write_scene(tmp_path, dome, light=""), tmp_path / "out", config)).views[0]
+    np.testing.assert_allclose(view.image[0, 0], (0, 1, 0), atol=0.01)
+    assert (view.image[..., 1] < 0.95).mean() > 0.1  # the balls
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,16 @@ def test_a_render_that_is_not_finite_names_its_view(tmp_path):
     assert "view 000 renders to NaN or infinity" in error_of(scene, tmp_path / "out", tiny())
 
 
+@pytest.mark.parametrize("is_made", [False, True])
+def test_a_scene_that_gives_no_picture_can_be_corrected_and_captured_under_the_same_name(tmp_path, is_made):
+    out, config = tmp_path / "out", tiny(views=1, test=0, size=(8, 6), spp=1, points=0)
+    if is_made:
+        out.mkdir()
+    error_of(write_scene(tmp_path, integrator='<integrator type="dogsplat"/>'), out, config)
+    assert out.exists() == is_made and not list(tmp_path.glob("out/*"))
+    assert (capture(write_scene(tmp_path), out, config) / "transforms.json").exists()
+
+
 def test_a_scene_that_is_refused_when_it_is_rendered_is_one_line(tmp_path):
     scene = write_scene(tmp_path, integrator='<integrator type="dogsplat"/>')
     error = error_of(scene, tmp_path / "out", tiny())

@@ -47,6 +47,13 @@ def test_a_mitsuba_scene_that_cannot_be_loaded_or_has_a_lens_is_one_line(tmp_pat
     assert "perspective" in error_of(file, spp=1)
 
 
+def test_a_sensor_with_too_few_pixels_to_shrink_is_told_so(tmp_path):
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    message = error_of(scene_file(tmp_path), downscale=500)
+    assert "cannot be downscaled by 500; choose a smaller downscale factor" in message
+
+
 def test_a_scene_that_is_refused_when_it_is_rendered_is_one_line(tmp_path):
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("llvm_ad_rgb")

@@ -48,6 +48,30 @@ def test_rendering_a_scene_that_is_wrong_says_so_in_one_line(written, tmp_path, 
     assert str(caught.value) == f"{path}: {line}"
 
 
+@pytest.mark.parametrize("included, line", [
+    ('\n<shape type="sphere"><float name="radius" value="wide"/></shape>',
+     'line 2: Mitsuba cannot load it (could not parse floating point value "wide"); correct the scene'),
+    ('\n<shape>', 'line 2: Mitsuba cannot load it (Start-end tags mismatch); correct the scene'),
+    ('\n<shape type="sphere"><float name="radius" value="$r"/></shape>',
+     "line 2: Mitsuba cannot load it (undefined parameter: $r); correct the scene"),
+])  # fmt: skip
+def test_what_is_wrong_in_an_included_file_names_that_file_and_its_line(written, included, line):
+    path = written(shape='<include filename="more.xml"/>')
+    more = path.with_name("more.xml")
+    more.write_text(f'<scene version="3.0.0">{included}</scene>')
+    with pytest.raises(DataError) as caught:
+        load_scene(path)
+    assert str(caught.value) == f"{more}: {line}"
+
+
+def test_an_included_file_that_is_missing_is_told_with_the_line_that_wants_it(written):
+    path = written(shape='<include filename="no.xml"/>')
+    with pytest.raises(DataError) as caught:
+        load_scene(path)
+    said = 'line 4: Mitsuba cannot load it (included file "no.xml" not found); correct the scene'
+    assert str(caught.value) == f"{path}: {said}"
+
+
 def test_so_does_looking_into_it(written):
     path = written(shape=MISSING)
     with pytest.raises(DataError) as caught:
