@@ -16,9 +16,9 @@ import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import numpy as np
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.colmap import find_model, load_colmap, read_sources
+from mi_dogsplat.datasets.frame_cameras import intrinsics_of
 from mi_dogsplat.datasets.point_ply import write_point_ply
 from mi_dogsplat.datasets.scene_file import load_scene
-from mi_dogsplat.datasets.transforms import intrinsics_of
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.run import find_poses
 from mi_dogsplat.runs.run import train

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.cameras import OPENCV_FROM_OPENGL, Camera
+from ..scene.cameras import OPENCV_FROM_OPENGL
 from ..support.errors import DataError
 from ..support.files import remove_parts, replacing
 from ..support.locks import locked
@@ -32,20 +32,18 @@ from .auto_exposure import white_of_lights
 from .camera_paths import Shot, circling_shots
 from .capture_config import PATHS, CaptureConfig
 from .dataset import TEST_EVERY
+from .frame_cameras import intrinsics_of
 from .given_cameras import auto_up, listed_shots, sensor_shots
 from .images import read_image
 from .point_ply import write_point_ply
 from .scene_file import files_read, framing_sphere, load_scene, shows_splats, warn_of_unseen_splats
+from .shared_points import told_by_several
 from .traced_view import as_srgb, depth_of, first_seen, render_shot
-from .transforms import intrinsics_of
 
 SETTINGS = "capture.json"
 FREE = ("scene", "points")  # settings that may change from one start to the next, as no picture depends on them
 BEFORE = {"hdr": False}  # what captures of earlier versions are, which do not note it
 RESOLUTION = 1e-12  # of a coordinate: what is smaller there has no extent
-# Of the points, in two pictures: of a sky each view has a part of its own, which tells no depth, and where most points
-# are such, readers take the poses for wrong (``check.py``); then those points are left out.
-LEAST_SHARED = 0.75
 POINTS_FACTOR = 4  # points kept of each view, times its share: views that see little are made up for
 
 
@@ -230,22 +228,12 @@ def _write_points(mi: Any, plan: Plan, out: Path) -> None:
     all_points, all_colors = np.concatenate(points), np.concatenate(colors)
     if not len(all_points):
         raise DataError(plan.file, "no camera sees anything opaque", "check where the cameras stand, or use --points 0")
-    shared = _times_framed(all_points, [plan.shots[i].camera for i in train]) >= min(2, len(train))  # [P]
-    if 0 < shared.mean() < LEAST_SHARED:
-        all_points, all_colors = all_points[shared], all_colors[shared]
+    told = told_by_several(all_points, [plan.shots[i].camera for i in train])
+    all_points, all_colors = all_points[told], all_colors[told]
     kept = np.random.default_rng(config.seed).permutation(len(all_points))[: config.points]
     if config.hdr:
         all_colors = displayed(all_colors, white_of_lights(luminance(all_colors)))
     write_point_ply(out / "points.ply", all_points[kept], all_colors[kept])
-
-
-def _times_framed(points: np.ndarray, cameras: list[Camera]) -> np.ndarray:
-    """In how many pictures each of the points [P, 3] falls, whatever stands before it, [P]."""
-    times = np.zeros(len(points), np.int64)
-    for camera in cameras:
-        pixels, depth = camera.project(points)  # [P, 2], [P]
-        times += (depth > 0) & ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
-    return times
 
 
 def _transforms(plan: Plan) -> dict[str, Any]:

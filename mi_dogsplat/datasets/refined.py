@@ -20,8 +20,9 @@ from ..support.errors import DataError
 from ..support.files import replacing
 from .colmap import find_model, image_folder, read_sources
 from .dataset import Dataset, every_eighth
+from .frame_cameras import FULL, intrinsics_of
 from .point_ply import write_point_ply
-from .transforms import FULL, NAME, find_transforms, intrinsics_of, split_sources
+from .transforms import NAME, find_transforms, split_sources
 from .view_images import ViewSource
 
 

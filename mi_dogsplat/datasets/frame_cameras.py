@@ -1,0 +1,93 @@
+"""The camera and the lens of a frame of ``transforms.json``, as instant-ngp and nerfstudio write them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..scene.cameras import Camera, opengl_c2w_to_opencv_w2c
+from ..support.errors import DataError
+from .images import image_size
+from .lens import Lens
+
+LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+FULL = "FULL_OPENCV"
+FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
+OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular")  # of instant-ngp, each told by a key of its own
+UNDISTORT = "undistort the images first (for instance with COLMAP's image_undistorter)"
+MITSUBA = "normal_mts_args"  # by it instant-ngp knows the axes of Mitsuba's cameras
+OPENGL_FROM_MITSUBA = np.diag([-1.0, 1.0, -1.0, 1.0])
+FOCALS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}
+INTRINSICS = {"w": "width", "h": "height", "fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy"}
+
+
+def intrinsics_of(camera: Camera) -> dict[str, float]:
+    """Those of a camera by the names that they have in these files."""
+    return {key: getattr(camera, name) for key, name in INTRINSICS.items()}
+
+
+def merged(shared: dict[str, Any], frame: dict[str, Any]) -> dict[str, Any]:
+    """What a frame says, and where it says nothing what stands at the top. Angles of a frame come before focal lengths
+    at the top, too."""
+    if not ANGLES.isdisjoint(frame) and FOCALS.isdisjoint(frame):
+        shared = {key: value for key, value in shared.items() if key not in FOCALS | ANGLES}
+    return {**shared, **frame}
+
+
+def camera_of(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
+    """Camera of a frame (top-level values already merged in). Raises ``DataError`` or ``ValueError``."""
+    stated = "w" in frame and "h" in frame
+    width, height = (int(_number(frame, "w")), int(_number(frame, "h"))) if stated else image_size(image_path)
+    fx = _focal(frame, "fl_x", "camera_angle_x", width)
+    fy = _focal(frame, "fl_y", "camera_angle_y", height)
+    if fx is None and fy is None:
+        raise DataError(
+            file, "has no focal length", 'add "fl_x" and "fl_y" in pixels, or "camera_angle_x" in radians'
+        )
+    fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)  # one focal length means square pixels
+    assert fx is not None and fy is not None
+    cx, cy = _number(frame, "cx", width / 2), _number(frame, "cy", height / 2)
+    w2c = opengl_c2w_to_opencv_w2c(frame["transform_matrix"])
+    if MITSUBA in frame:  # half a turn about y
+        w2c = OPENGL_FROM_MITSUBA @ w2c
+    return Camera(w2c, fx, fy, cx, cy, width, height)
+
+
+def lens_of(file: Path, frame: dict[str, Any]) -> Lens:
+    """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them, or FULL_OPENCV's."""
+    model = next((key for key in OTHER_LENSES if frame.get(key, False) is not False), None)
+    model = model or frame.get("camera_model", "PINHOLE")
+    fisheye = bool(frame.get("is_fisheye")) or model in FISHEYES
+    k, p = ([_number(frame, f"{letter}{i}", 0) for i in range(1, n)] for letter, n in (("k", 7), ("p", 3)))
+    if model == FULL and not fisheye:
+        return Lens(tuple(k[:3]), (p[0], p[1]), divisor=tuple(k[3:]))
+    known = model in LENSES + FISHEYES
+    if not known or any(k[4:]) or (fisheye and any(p)):
+        named = ", ".join((*LENSES, FULL, *FISHEYES))
+        problem = f'"{frame["file_path"]}" has a lens {model} with k1 to k6 {k} and p1, p2 {p}'
+        known_ones = f"known are {named} with k1 to k4, {FULL} to k6, and p1, p2 where it is no fisheye"
+        raise DataError(file, f"{problem} ({known_ones})", UNDISTORT)
+    return Lens(tuple(k[:4]), (p[0], p[1]), fisheye)
+
+
+def _focal(frame: dict[str, Any], pixels_key: str, angle_key: str, size: int) -> float | None:
+    if pixels_key in frame:
+        return _number(frame, pixels_key)
+    if angle_key in frame:
+        angle = _number(frame, angle_key)
+        if not 0 < angle < math.pi:
+            raise ValueError(f'"{angle_key}" is {angle:g}, no angle of view in radians')
+        return 0.5 * size / math.tan(0.5 * angle)
+    return None
+
+
+def _number(frame: dict[str, Any], key: str, default: float | None = None) -> float:
+    """What a frame says, or the default. Raises ``ValueError`` that names the key."""
+    value = frame.get(key, default)
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f'"{key}" is {value!r:.80}, no number') from None
