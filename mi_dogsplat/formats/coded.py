@@ -10,7 +10,7 @@ from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from . import spz
-from .grids import LLOYD_ROUNDS, Extents, FileGrids, Grid, Steps
+from .grids import LLOYD_ROUNDS, MOST_ENTRIES, Extents, FileGrids, Grid, Steps
 from .packing import SQRT2, logits
 from .palette import CODES
 
@@ -61,20 +61,25 @@ STEPS = {"spz": Steps(rotation=3), "sog": Steps(entries=0.375)}  # SPZ packs wor
 
 
 def snapped(
-    name: str, splats: Splats, steps: Steps | None = None, rounds: int = LLOYD_ROUNDS, linear: bool = False
+    name: str,
+    splats: Splats,
+    steps: Steps | None = None,
+    rounds: int = LLOYD_ROUNDS,
+    linear: bool = False,
+    most: int = MOST_ENTRIES,
 ) -> Splats:
     """A model of plain Gaussians as a small file of a format of ``CODED`` holds it.
 
     Args:
         steps: None: those of ``STEPS``.
-        rounds: as ``FileGrids.palette`` takes them.
+        rounds, most: as ``FileGrids.palette`` takes them.
         linear: its colours are radiance, in units of white.
     """
     if splats.n_splats == 0:
         return splats
     steps = steps or STEPS[name]
     grids = CODED[name](Extents.of(splats, linear), steps)
-    return grids.snap(splats, grids.palette(splats, steps.entries, rounds=rounds))
+    return grids.snap(splats, grids.palette(splats, steps.entries, rounds=rounds, most=most))
 
 
 def _opacities(steps: Steps) -> Grid:

@@ -16,11 +16,11 @@ import numpy as np
 
 from ..scene.splats import Array, Splats
 from .packing import from_smallest_three, smallest_three
-from .palette import lloyd, palette
+from .palette import centred, lloyd, nearest_entries, palette
 from .symmetries import nearest_to_identity
 
 LLOYD_ROUNDS = 3  # more gain little
-MOST_ENTRIES = 8192  # of a palette: every vector is compared with every entry
+MOST_ENTRIES = 8192  # of a palette, for each SH degree, unless a file has room for more
 SMALL = 10  # per cent of the primitives that are smaller than what steps of positions are measured by
 
 
@@ -127,13 +127,16 @@ class FileGrids:
         weights: Array | None = None,
         before: Palette | None = None,
         rounds: int = LLOYD_ROUNDS,
+        most: int = MOST_ENTRIES,
     ) -> Palette:
         """A palette of ``share`` entries for each primitive.
 
         Args:
             weights: [N] how much an error of each primitive's colour counts, positive; None: all alike.
-            before: the palette to go on from.
-            rounds: of Lloyd's algorithm; 0 is fast and as good for an estimate of a file's size.
+            before: the palette of the same primitives, with the same bands, before they moved. Its entries follow
+                those that have them, and each primitive gets the nearest.
+            rounds: of Lloyd's algorithm for a new one; 0 is fast and as good for an estimate of a file's size.
+            most: entries of a new one, for each SH degree.
         """
         degrees, whole = splats.sh_degrees, splats.uniform_sh().sh_coeffs[:, 1:]
         w = np.ones(len(whole)) if weights is None else weights
@@ -142,13 +145,15 @@ class FileGrids:
             rows, used = np.flatnonzero(degrees == degree), (degree + 1) ** 2 - 1
             rest, nearest, entries = whole[rows, :used].reshape(len(rows), 3 * used), 0, np.zeros((1, 0), np.float32)
             if used:
-                if before and degree in before.degrees:
-                    entries = before.entries[before.degrees == degree, :used].reshape(-1, 3 * used)
+                if before:
+                    old = np.flatnonzero(before.degrees == degree)
+                    entries = before.entries[old, :used].reshape(-1, 3 * used)
+                    entries = centred(rest, np.searchsorted(old, before.labels[rows]), entries, w[rows])
+                    nearest = nearest_entries(rest, entries)
                 else:
-                    size = int(np.clip(round(share * len(rows)), 1, MOST_ENTRIES))
-                    nearest, entries = palette(rest, size, w[rows])
-                if before or rounds:
-                    nearest, entries = lloyd(rest, entries, w[rows], rounds)
+                    nearest, entries = palette(rest, int(np.clip(round(share * len(rows)), 1, most)), w[rows])
+                    if rounds:
+                        nearest, entries = lloyd(rest, entries, w[rows], rounds)
             labels[rows] = nearest + len(of_entries)
             of_entries += [degree] * len(entries)
             on_grid = self.sh_rest.snap(entries.reshape(len(entries), used, 3))

@@ -10,7 +10,7 @@ from ..scene.splats import Array
 
 CODES = 256  # of a codebook: a byte
 LLOYD_STEPS = 30
-ROWS = 4096  # vectors compared with all entries at a time, which bounds the memory
+PRODUCTS = 1 << 21  # of vectors and entries at a time: they stay in the caches
 BINS = 128  # of the first guess: few, so that each holds enough values for a density
 
 
@@ -89,15 +89,25 @@ def lloyd(vectors: Array, entries: Array, weights: Array, rounds: int) -> tuple[
         entries: [P, D] to begin with, as ``palette`` returns them. What is nearest to no vector stays where it is.
     """
     for _ in range(rounds):
-        labels = _nearest_entries(vectors, entries)
-        total = np.bincount(labels, weights, len(entries))[:, None]  # [P, 1]
-        sums = np.stack([np.bincount(labels, weights * column, len(entries)) for column in vectors.T], axis=1)
-        entries = np.where(total > 0, sums / np.where(total > 0, total, 1), entries).astype(np.float32)
-    return _nearest_entries(vectors, entries), entries
+        entries = centred(vectors, nearest_entries(vectors, entries), entries, weights)
+    return nearest_entries(vectors, entries), entries
 
 
-def _nearest_entries(vectors: Array, entries: Array) -> Array:
-    """[N] index of the entry nearest to each vector."""
-    half = np.square(entries).sum(axis=1) / 2  # [P]
-    blocks = (vectors[start : start + ROWS] for start in range(0, len(vectors), ROWS))
-    return np.concatenate([(half - block @ entries.T).argmin(axis=1) for block in blocks])
+def centred(vectors: Array, labels: Array, entries: Array, weights: Array) -> Array:
+    """The entries float32 [P, D] in the weighted middle of the vectors [N, D] with their label; others stay."""
+    total = np.bincount(labels, weights, len(entries))[:, None]  # [P, 1]
+    sums = np.stack([np.bincount(labels, weights * column, len(entries)) for column in vectors.T], axis=1)
+    return np.where(total > 0, sums / np.where(total > 0, total, 1), entries).astype(np.float32)
+
+
+def nearest_entries(vectors: Array, entries: Array) -> Array:
+    """[N] index of the entry [P, D] nearest to each vector [N, D].
+
+    |v - e|² is |v|² - 2 (v·e - |e|²/2). What is in brackets is one product of matrices, largest where e is nearest.
+    """
+    half = np.square(entries).sum(axis=1, keepdims=True) / 2  # [P, 1]
+    table = np.ascontiguousarray(np.concatenate([entries, -half], axis=1, dtype=np.float32).T)  # [D + 1, P]
+    rows = max(1, PRODUCTS // len(entries))
+    blocks = (vectors[start : start + rows] for start in range(0, len(vectors), rows))
+    extended = (np.pad(block, ((0, 0), (0, 1)), constant_values=1).astype(np.float32) for block in blocks)
+    return np.concatenate([(block @ table).argmax(axis=1) for block in extended])

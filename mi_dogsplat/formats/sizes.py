@@ -19,6 +19,7 @@ from ..scene.radiance import brightened
 from ..scene.row_groups import BESIDE_COLORS, RowGroup
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from .coded import CODED, snapped
+from .grids import MOST_ENTRIES
 from .model import Model
 from .packing import morton_order
 from .write import write_model
@@ -76,11 +77,12 @@ class FileKind:
         """Its bytes."""
         return len(self.encoded(splats))
 
-    def foreseen(self, splats: Splats) -> Splats:
-        """A model in training as its end will leave it: on the grids of the format (``coded.py``), where it has any."""
+    def foreseen(self, splats: Splats, most: int = MOST_ENTRIES) -> Splats:
+        """A model in training as its end will leave it, where the format has grids (``coded.py``): on these, and with
+        so many entries of a palette at ``most`` for each SH degree."""
         if self.name not in CODED:
             return splats
-        return snapped(self.name, _bare(splats), rounds=0, linear=bool(self.drawing.linear))
+        return snapped(self.name, _bare(splats), rounds=0, linear=bool(self.drawing.linear), most=most)
 
 
 def by_part(kind: FileKind, splats: Splats) -> dict[str, int]:

@@ -18,6 +18,7 @@ from .images.tone_curve import SrgbLog, ToneCurve
 from .milestones import scaled_milestone
 from .optimizer.learning_rates import Refinement
 from .optimizer.preconditioning import Preconditioning
+from .quantisation.room import Room
 from .strategy.compaction import Compaction
 from .strategy.cut_activation import CutActivation, CutControl, CutRule, SecondCutActivation, SecondCutControl
 from .strategy.densify import Densification
@@ -245,7 +246,8 @@ class Recipe:
             parts += [Pruning(self.pruning, self.score)]
         parts += [DogActivation(self.dog)] if self.dog else []
         parts += [GIVEN[name].activation(rule) for name, rule in self.row_rules.items()]
-        parts += [self.quantisation] if self.quantisation else []
+        if self.quantisation:
+            parts += [replace(self.quantisation, room=Room(*size)) if size else self.quantisation]
         names = [part.name for part in parts]
         if twice := [name for name in names if names.count(name) > 1]:
             raise ValueError(f'Recipe: two strategies have the name "{twice[0]}"')

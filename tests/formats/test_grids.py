@@ -8,7 +8,7 @@ from mi_dogsplat.formats.coded import CODED, snapped
 from mi_dogsplat.formats.grids import Extents, Grid, Steps
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.packing import by_color, in_space, unit_quats
-from mi_dogsplat.formats.palette import lloyd, palette
+from mi_dogsplat.formats.palette import centred, lloyd, nearest_entries, palette
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.symmetries import nearest_to_identity
 from mi_dogsplat.formats.write import write_model
@@ -139,6 +139,39 @@ def test_rounds_of_lloyd_lower_the_weighted_error_and_keep_entries_that_nobody_u
     assert np.all(np.diff(errors) < 0)
     lonely = np.concatenate([entries, np.full((1, 6), 99, np.float32)])
     assert lloyd(vectors, lonely, weights, 2)[1][-1].tolist() == [99] * 6
+
+
+@pytest.mark.parametrize(("n", "count", "width"), [(1, 1, 3), (700, 300, 9), (513, 40, 45)])
+def test_the_nearest_entry_is_that_of_the_least_distance(n, count, width):
+    rng = np.random.default_rng(n)
+    vectors, entries = (rng.normal(size=(rows, width)).astype(np.float32) for rows in (n, count))
+    distances = np.linalg.norm(vectors[:, None].astype(np.float64) - entries, axis=2)  # [n, count]
+    found = distances[np.arange(n), nearest_entries(vectors, entries)]
+    assert found == pytest.approx(distances.min(axis=1), rel=1e-5)
+
+
+def test_an_entry_is_the_weighted_mean_of_the_vectors_with_its_label():
+    rng = np.random.default_rng(1)
+    vectors, weights, labels = rng.normal(size=(50, 4)), rng.uniform(0.1, 5, 50), rng.integers(0, 6, 50)
+    entries = rng.normal(size=(7, 4)).astype(np.float32)  # the last has none
+    found = centred(vectors, labels, entries, weights)
+    for k in range(6):
+        assert found[k] == pytest.approx(np.average(vectors[labels == k], axis=0, weights=weights[labels == k]))
+    assert np.array_equal(found[6], entries[6])
+
+
+def test_a_palette_follows_the_primitives_that_have_moved():
+    """All by the same: so do the entries, however far, and nobody changes to another one."""
+    model = model_of(2).with_sh_degrees(np.arange(600) % 3)
+    grids, weights = CODED["sog"](Extents.of(model), Steps(sh=1)), np.ones(600)
+    before = grids.palette(model, 1 / 8, weights)
+    moved = model.uniform_sh()
+    moved.sh_coeffs[:, 1:] += 0.25
+    after = grids.palette(moved.with_sh_degrees(model.sh_degrees), 1 / 8, weights, before)
+    assert np.array_equal(after.degrees, before.degrees)
+    assert (after.labels == before.labels).mean() > 0.95  # the others are near to two
+    used = np.arange(8)[None] < (before.degrees[:, None] + 1) ** 2 - 1  # [P, K - 1]
+    assert np.abs(after.entries - before.entries - 0.25)[used].max() < 0.1 and not after.entries[~used].any()
 
 
 def test_heavy_vectors_get_the_entries():

@@ -1,8 +1,8 @@
 """An optimizer whose model is seen as its file will have it: which grids and which palette, and when they follow it.
 
 Grids and palette follow the model in rounds: in each, every entry of the palette becomes the mean of the primitives
-that are nearest to it, by how much they weigh in the training views (Σ α T over all pixels). Then they stay as they
-are, and what is trained is what the file says.
+that have it, by how much they weigh in the training views (Σ α T over all pixels), and each primitive gets the entry
+that is nearest. Then they stay as they are, and what is trained is what the file says.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from ...engine.device_camera import DeviceCamera
 from ...engine.options import RasterOptions
 from ...formats.coded import CODED, STEPS
-from ...formats.grids import LLOYD_ROUNDS, Extents, FileGrids, Palette, Steps
+from ...formats.grids import MOST_ENTRIES, Extents, FileGrids, Palette, Steps
 from ...formats.symmetries import nearest_to_identity
 from ...scene.opacity import sigmoid
 from ...scene.row_groups import CURVATURES, PLANES, SHIFTS, SLOPES
@@ -23,6 +23,7 @@ from ...scores.weights import weights
 from ..optimizer.faded import drop_faded
 from ..optimizer.sh_rows import bands_of
 from ..optimizer.splat_optimizer import SplatOptimizer
+from .room import Room
 from .straight_through import StraightThrough
 
 ROUNDS = 15
@@ -60,6 +61,7 @@ class Quantiser:
 
     format: str
     steps: Steps | None = None  # those of ``formats/coded.STEPS``
+    room: Room | None = None  # of a file whose size is given
 
     def before_step(
         self,
@@ -123,9 +125,12 @@ class Quantiser:
         """Grids, and a round of the palette; a new one where primitives have other bands."""
         splats = optimizer.to_splats()
         coding.extents = Extents.of(splats, optimizer.curve is not None).numbers
-        before = coding.palette if _keeps_bands(coding, optimizer) else None
-        rounds = 1 if before else LLOYD_ROUNDS
-        new = self._grids(coding).palette(splats, self._steps.entries, coding.weights, before, rounds)
+        grids, share, weights = self._grids(coding), self._steps.entries, coding.weights
+        if _keeps_bands(coding, optimizer):
+            new = grids.palette(splats, share, weights, coding.palette)
+        else:
+            most = self.room.most_entries(splats) if self.room else MOST_ENTRIES
+            new = grids.palette(splats, share, weights, most=most)
         coding.entries, coding.degrees, coding.labels = new.entries, new.degrees, new.labels
 
     @property

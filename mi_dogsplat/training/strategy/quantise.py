@@ -12,6 +12,7 @@ import numpy as np
 from ...formats.grids import Steps
 from ..events import Event, Quantised
 from ..quantisation.quantiser import Coding, Quantiser
+from ..quantisation.room import Room
 from .strategy import Strategy, Training
 
 SHARE = 0.2  # of the run
@@ -23,11 +24,12 @@ class Quantisation(Strategy[Coding]):
 
     format: str
     steps: Steps | None = None  # those of ``formats/coded.STEPS``
+    room: Room | None = None  # of a file whose size is given
 
     @property
     def quantiser(self) -> Quantiser:
         """That does it."""
-        return Quantiser(self.format, self.steps)
+        return Quantiser(self.format, self.steps, self.room)
 
     def new_state(self, t: Training) -> Coding:
         return Coding()
