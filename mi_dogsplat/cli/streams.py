@@ -27,6 +27,16 @@ def print_every_character() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
+def let_go_of_closed_terminals() -> None:
+    """Throw away what is left for a stream whose terminal was closed: at its end Python would write it once more, fail,
+    and turn the status into 120."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 def _is_open(number: int) -> bool:
     try:
         os.fstat(number)
