@@ -65,11 +65,9 @@ def rigid(path: Path, name: str, matrix: Any) -> np.ndarray:
 
 
 def unsheared(c2w: np.ndarray) -> np.ndarray:
-    """The [4, 4] pose, mirrored or not, that is nearest to one with axes of length 1; the same array where it is one.
+    """The nearest [4, 4] pose without shear, mirrored or not, at the same place; the same array where it has none.
 
-    The translation stays, and the inverse is that of the inverse but for it.
-
-    Parents that are scaled unevenly shear what is turned in them, and no pinhole sees so.
+    Its axes have length 1. Parents that are scaled unevenly shear what is turned in them, and no pinhole sees so.
     """
     axes = c2w[:3, :3]
     if np.abs(axes.T @ axes - np.eye(3)).max() < RIGID_TOLERANCE:

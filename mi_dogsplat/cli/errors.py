@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 from ..runs.stopping import Stopped, stopped_with
 from ..support.errors import DataError
+from .streams import discard
 
 EXTRA_OF = {"pycolmap": "poses", "av": "poses"}  # what a training needs for plain images and videos only
 SIGPIPE = 13  # by POSIX; Windows has no such signal
@@ -23,7 +23,7 @@ def quiet_pipe(run: Callable[[], int]) -> int:
         finally:
             sys.stdout.flush()  # here, where it can be caught
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # takes what is flushed at the very end
+        discard(sys.stdout)  # or it would be flushed at the very end
         return 128 + SIGPIPE
 
 

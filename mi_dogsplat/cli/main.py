@@ -5,7 +5,7 @@ from __future__ import annotations
 from .commands import COMMANDS
 from .errors import one_line_errors, quiet_pipe
 from .parser import build_parser
-from .streams import let_go_of_closed_terminals, open_closed_streams, print_every_character
+from .streams import discard_unread, open_closed_streams, print_every_character
 
 # of pyproject.toml, named as the commands that need them; the others need "train"
 EXTRAS = ("export", "film", "poses", "view")
@@ -22,5 +22,5 @@ def main(argv: list[str] | None = None) -> int:
     open_closed_streams()
     print_every_character()
     status = quiet_pipe(run)
-    let_go_of_closed_terminals()
+    discard_unread()
     return status

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..formats.read import size_of
 from ..support.wording import counted, file_size
+from .streams import discard, is_unread
 
 if TYPE_CHECKING:
     from ..editing.clean import Cleaned
@@ -72,5 +72,7 @@ def say(line: str) -> None:
     work that it is about goes on without a word."""
     try:
         print(line, flush=True)
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        if not is_unread(error):
+            raise
+        discard(sys.stdout)

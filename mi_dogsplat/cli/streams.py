@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from io import TextIOWrapper
+from typing import TextIO
 
 
 def open_closed_streams() -> None:
@@ -27,14 +29,26 @@ def print_every_character() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
-def let_go_of_closed_terminals() -> None:
-    """Throw away what is left for a stream whose terminal was closed: at its end Python would write it once more, fail,
-    and turn the status into 120."""
+def is_unread(error: OSError) -> bool:
+    """Whether nobody reads a stream any more, as after its terminal was closed; a full disk is something else."""
+    return isinstance(error, BrokenPipeError) or error.errno == errno.EIO
+
+
+def discard(stream: TextIO) -> None:
+    """Throw away what a stream still holds, and what is written to it from now on."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, stream.fileno())
+    os.close(null)
+
+
+def discard_unread() -> None:
+    """The same of those that nobody reads any more: Python would write what is left once more at its end, fail, and
+    turn the status into 120."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
         except OSError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            discard(stream)
 
 
 def _is_open(number: int) -> bool:

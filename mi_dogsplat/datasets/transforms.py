@@ -34,6 +34,7 @@ CONVENTION = (
 
 REPELLING = "dynamic_mask_"  # before the name of an image: instant-ngp's masks, white where nothing counts
 
+
 def find_transforms(path: Path) -> Path | None:
     """``transforms.json``, or else ``transforms_train.json``, in the folder ``path``; None if it has
     neither."""

@@ -1,6 +1,7 @@
 """Reading and writing a model of any format: the axes, what travels with it, and what is said to be lost."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import foreign_model
@@ -101,16 +102,26 @@ def test_a_drawing_that_no_reader_would_take_is_not_written(tmp_path, suffix, to
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(("farthest", "moved"), [(1000.0, 0), (1e6, foreign_model.N), (1e8, foreign_model.N)])
-def test_a_primitive_far_away_that_leaves_spz_no_room_for_the_others_is_told(tmp_path, farthest, moved):
+def with_one_far_away(farthest: float, log_scale: float) -> Splats:
+    """The model with its first primitive there, and all of one size."""
     model = foreign_model.model()
     means = model.means.copy()
     means[0, 0] = farthest
-    tiny = replace(model, means=means, log_scales=np.full_like(model.log_scales, -9))
+    return replace(model, means=means, log_scales=np.full_like(model.log_scales, log_scale))
+
+
+def n_moved(path: Path, model: Splats) -> int:
+    """How many primitives of one size are in a file by more than that away from any of its."""
+    back = read_model(path).splats.means
+    away = np.abs(back[:, None] - model.means[None]).max(axis=-1).min(axis=0)  # [N]
+    return int((away > model.scales[:, 0]).sum())
+
+
+@pytest.mark.parametrize(("farthest", "moved"), [(1000.0, 0), (1e6, foreign_model.N), (1e8, foreign_model.N)])
+def test_a_primitive_far_away_that_leaves_spz_no_room_for_the_others_is_told(tmp_path, farthest, moved):
+    tiny = with_one_far_away(farthest, -9)
     lost = write_model(tmp_path / "a.spz", tiny)
-    back = read_model(tmp_path / "a.spz").splats.means
-    away = np.abs(back[:, None] - means[None]).max(axis=-1).min(axis=0)  # [N] from each to any in the file
-    assert (away > np.exp(-9)).sum() == moved
+    assert n_moved(tmp_path / "a.spz", tiny) == moved
     said = f"SPZ has 24 bits for a coordinate: with one of {farthest:.3g} it moves {moved} primitives by more than "
     assert lost == ([said + "their size"] if moved else [])
 
@@ -130,14 +141,9 @@ def test_sh_coefficients_that_a_format_cannot_say_are_told(tmp_path, suffix, mos
 
 @pytest.mark.parametrize("farthest", [10.0, 1e4])
 def test_primitives_that_compressed_ply_moves_beside_one_far_away_are_told(tmp_path, farthest):
-    model = foreign_model.model()
-    means = model.means.copy()
-    means[0, 0] = farthest
-    fine = replace(model, means=means, log_scales=np.full_like(model.log_scales, -4))
+    fine = with_one_far_away(farthest, -4)
     lost = write_model(tmp_path / "a.compressed.ply", fine)
-    back = read_model(tmp_path / "a.compressed.ply").splats.means
-    away = np.abs(back[:, None] - means[None]).max(axis=-1).min(axis=0)  # [N] from each to any in the file
-    moved = int((away > np.exp(-4)).sum())
+    moved = n_moved(tmp_path / "a.compressed.ply", fine)
     said = f"with one of {farthest:.3g} it moves {moved} primitives by more than their size"
     assert [line.partition(": ")[2] for line in lost] == ([said] if moved else []) and bool(moved) == (farthest > 1e3)
 

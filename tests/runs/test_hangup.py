@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from mi_dogsplat.cli.printing import say
+from mi_dogsplat.cli.streams import discard, discard_unread
 from mi_dogsplat.runs.checkpoint import CHECKPOINT, load_checkpoint
 from mi_dogsplat.runs.stopping import Stopped, StopRequest, stop_signals, stopped_with
 
@@ -95,3 +96,24 @@ def test_lines_that_nobody_reads_any_more_stop_no_work(monkeypatch):
         monkeypatch.setattr(sys, "stdout", stream)
         for line in ("one", "two"):
             say(line)
+
+
+def test_a_full_disk_is_no_closed_terminal(monkeypatch):
+    """What cannot be written there is an error, as of every file."""
+    if not Path("/dev/full").exists():
+        pytest.skip("only Linux has a device that is full")
+    with open("/dev/full", "w", encoding="utf-8") as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        with pytest.raises(OSError, match="No space left"):
+            say("one")
+        discard(stream)  # or closing it fails, too
+
+
+def test_what_a_stream_still_holds_that_nobody_reads_is_gone(monkeypatch):
+    reader, writer = os.pipe()
+    with open(writer, "w", encoding="utf-8") as stream:
+        print("held", file=stream)
+        os.close(reader)
+        monkeypatch.setattr(sys, "stdout", stream)
+        discard_unread()
+        stream.flush()

@@ -59,3 +59,5 @@ def test_only_a_training_for_a_size_has_room():
     (held,) = (s for s in recipe.strategies(Sieve(), (10**6, SOG)) if isinstance(s, Quantisation))
     assert free.room is None and held.room == Room(10**6, SOG)
     assert held.quantiser.room == held.room
+    (other,) = (s for s in recipe.strategies(Sieve(), (10**6, FileKind("ply"))) if isinstance(s, Quantisation))
+    assert other.room is None  # the file is of another kind than the numbers
