@@ -76,7 +76,8 @@ class Compaction(Strategy[Compacted]):
         scheduler = PruningScheduler(self.rule, state)
         if size <= self.size and not state.begun:
             state.finished = True
-            return [NotPruned(f"the file has {size} bytes, the target is {self.size}")]
+            more = "a model that grew to more primitives would use them all (--max-primitives)"
+            return [NotPruned(f"the file has {size} bytes, the target is {self.size}; {more}")]
         if not state.begun:
             scheduler.begin(size, self.size)
         measured = t.training_l1() if self.rule.compares else None
