@@ -53,6 +53,11 @@ class Drawing:
         """What this says, and ``other`` where this says nothing."""
         return replace(other, **self.said())
 
+    def enlarged(self, factor: float) -> Drawing:
+        """The same for a model whose lengths are so many times as long; no near clip where that overflows."""
+        near_clip = None if self.near_clip is None else value_of("near_clip", factor * self.near_clip)
+        return replace(self, near_clip=near_clip)
+
     def said(self) -> dict[str, Any]:
         """What is said, by the names of the fields."""
         return {name: value for name in NAMES if (value := getattr(self, name)) is not None}
