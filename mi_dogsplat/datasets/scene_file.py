@@ -130,7 +130,8 @@ def _parser_config(path: Path) -> Any:
 
     variant = require_variant()
     if not path.is_file():
-        raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
+        problem = "this is a folder" if path.is_dir() else "no such file"
+        raise DataError(path, problem, "give a Mitsuba scene as .xml file")
     as_mitsuba_reads(path)
     return mi.parser.ParserConfig(variant)
 
