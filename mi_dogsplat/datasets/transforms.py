@@ -51,7 +51,7 @@ def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: st
     content = _parse(file)
     sources, train, test = split_sources(file, content, split)
     if not train:
-        raise DataError(file, "no view is left for training", "name fewer test images")
+        raise DataError(file, "no view is left for training", "name fewer images for tests and validation")
     views, has_alpha = load_views(sources, downscale, on_disk=on_disk)
     points, point_colors = _points(file, content, sources)
     train, test = views_named(views, train), views_named(views, test)
