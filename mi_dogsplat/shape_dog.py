@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -111,7 +110,8 @@ class DogShape(mi.Mesh):
     same share of both.
 
     The shape has no surface: rays do not meet it. Render it with the ``dogsplat`` integrator. The number of primitives
-    may change through ``params.update()``.
+    may change through ``params.update()``. ``bbox()`` of the shape is the box of its centres, and does not count in
+    ``bbox()`` of the scene, for which Mitsuba asks no shape that is written in Python.
 
     .. code-block:: python
 
@@ -158,9 +158,7 @@ class DogShape(mi.Mesh):
         except (TypeError, ValueError, OSError) as error:
             raise RuntimeError(f"dog: {error}") from None
         self._assign(splats)
-        self.drawing = model.drawing
-        if self.drawing.near_clip is not None:  # in units of the file
-            self.drawing = replace(self.drawing, near_clip=self.drawing.near_clip * mean_scale(matrix))
+        self.drawing = model.drawing.enlarged(mean_scale(matrix))  # what it says is in units of the file
         self.to_world, self._moves = mi.Transform4f(), False
         # whether the last update fits; shapes of the tensors, and widths of the indices, in the last that did
         self._fits, self._checked = True, self._shapes()

@@ -148,18 +148,23 @@ def _tests(config: CaptureConfig, n: int) -> set[int]:
 
 
 def _settings(scene_path: Path, config: CaptureConfig) -> dict[str, Any]:
-    """What decides on the pictures: the flags, and the contents of the scene's file, with those that it includes, and
-    of the list of cameras."""
-    files = {"scene": files_read(scene_path)} | ({"cameras": [Path(config.path)]} if config.path not in PATHS else {})
-    digests = {f"{name}_sha256": _sha256(parts) for name, parts in files.items()}
+    """What decides on the pictures: the flags, and the contents of the scene's file, of those that it includes or
+    names, and of the list of cameras."""
+    texts, named = files_read(scene_path)
+    files = {"scene": texts} | ({"cameras": [Path(config.path)]} if config.path not in PATHS else {})
+    digests: dict[str, Any] = {f"{name}_sha256": _sha256(*parts) for name, parts in files.items()}
+    if named:
+        digests["files_sha256"] = {name: _sha256(file) for name, file in named.items()}
     return json.loads(json.dumps({"scene": str(scene_path), **digests, **dataclasses.asdict(config)}))
 
 
-def _sha256(files: list[Path]) -> str:
+def _sha256(*files: Path) -> str:
     """The digest of what is in some files, one after the other."""
     digest = hashlib.sha256()
-    for file in files:
-        digest.update(file.read_bytes())
+    for path in files:
+        with path.open("rb") as file:
+            while part := file.read(1 << 20):
+                digest.update(part)
     return digest.hexdigest()
 
 

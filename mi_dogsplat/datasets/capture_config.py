@@ -14,7 +14,7 @@ DEPTHS = ("none", "exr", "npy")
 ELEVATIONS = {"orbit": (12.0, 65.0), "hemisphere": (0.0, 90.0)}
 CIRCLING_ONLY = ("views", "size", "fov", "up", "elevations", "zoom", "center", "radius")
 CAMERAS = "orbit, hemisphere, sensors (the scene's own), or a JSON file of cameras"
-TESTS = "test views, spread evenly (default: a sixth as many; of sensors or a file every 8th)"
+TESTS = "test views, spread evenly (default: a sixth as many; of sensors or a file every 8th, as training has it at 0)"
 VERTICAL = "vertical axis: x, y, z, -x, -y, -z (as --up=-y), or auto: that of the scene's first sensor"
 BAND = "lowest and highest, degrees (default: orbit 12 65, hemisphere 0 90)"
 CENTER = "what an orbit looks at (default: the middle of the shapes)"

@@ -102,11 +102,11 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
     return sources, images
 
 
-def read_positions(model: Path) -> dict[str, np.ndarray]:
-    """Camera centres [3] of a model in world space, by view name, whatever its lenses are. Raises ``DataError``."""
+def read_poses(model: Path) -> dict[str, np.ndarray]:
+    """Camera-to-world matrices [4, 4] of a model, by view name, whatever its lenses are. Raises ``DataError``."""
     file = model_file(model, "images")
     assert file
-    return {view_name(image.name): inverse_rigid(image.w2c)[:3, 3] for image in read_images(file)}
+    return {view_name(image.name): inverse_rigid(image.w2c) for image in read_images(file)}
 
 
 def read_model_points(model: Path) -> ColmapPoints:

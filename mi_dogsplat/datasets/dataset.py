@@ -98,7 +98,8 @@ class Observations:
 class Dataset:
     """Views, split, with ``points`` [P, 3] float32 (P may be 0), ``point_colors`` [P, 3] float32 in 0..1.
 
-    ``test`` is what is measured: the test views, or with the split "validation" views held out of the training views.
+    ``test`` is what is measured: the test views, or with the split "validation" those that the data have for that, or
+    else views held out of the training views.
     ``has_alpha``: every image has a fourth channel (else none has). ``observations`` maps view names to what
     the view sees; empty where the data do not say.
     """
@@ -141,13 +142,18 @@ def every_eighth(items: Sequence[T]) -> tuple[list[T], list[T]]:
     return train, list(items[::TEST_EVERY])
 
 
-def held_out(train: Sequence[T], test: Sequence[T], split: str) -> tuple[list[T], list[T]]:
+def held_out(
+    train: Sequence[T], test: Sequence[T], split: str, validation: Sequence[T] = ()
+) -> tuple[list[T], list[T]]:
     """(what is trained on, what is measured) by a split in ``SPLITS``, of views that are not read yet.
 
-    With "validation" every 8th training view is measured in place of the test views. Nobody reads these then, so that
-    no choice depends on them.
+    With "validation" the views ``validation`` of the data are measured in place of the test views, or every 8th
+    training view where it has none. Nobody reads the test views then, so that no choice depends on them.
     """
-    return (list(train), list(test)) if split == "test" else every_eighth(train)
+    if split == "test":
+        return list(train), list(test)
+    kept = set(validation)
+    return ([view for view in train if view not in kept], list(validation)) if kept else every_eighth(train)
 
 
 def views_named(views: Sequence[View], names: Sequence[str]) -> list[View]:

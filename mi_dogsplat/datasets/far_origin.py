@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .colmap import find_model, read_positions
+from .colmap import find_model, read_poses
 from .transforms import find_transforms, read_frame_positions
 
 COARSEST = 1e-4  # of the spread of the cameras: a tenth of a pixel of a picture of a thousand
@@ -34,6 +34,6 @@ def _positions(path: Path) -> np.ndarray:
     """Camera centres [V, 3] of a data set in files; [0, 3] of others."""
     model = find_model(path) if path.is_dir() else None
     if model:
-        return np.array(list(read_positions(model).values())).reshape(-1, 3)
+        return np.array([c2w[:3, 3] for c2w in read_poses(model).values()]).reshape(-1, 3)
     file = find_transforms(path) if path.is_dir() else path if path.suffix == ".json" and path.is_file() else None
     return read_frame_positions(file) if file else np.zeros((0, 3))

@@ -38,7 +38,8 @@ def sensor_shots(path: Path, scene: Any, downscale: int) -> list[Shot]:
             camera = _unmirrored(camera_from_mitsuba(sensor))
         except ValueError as error:
             remedy = "only perspective sensors outside of media can be captured: change or remove it"
-            raise DataError(path, f"{told(sensor, i)}: {error}", remedy) from error
+            problem = str(error).partition("; ")[0]  # what others are told to use is said here in other words
+            raise DataError(path, f"{told(sensor, i)}: {problem}", remedy) from error
         camera = shrunk(path, camera, told(sensor, i), downscale)
         shots.append(Shot(sensor_name(sensor.id(), i), camera, float(sensor.near_clip()), float(sensor.far_clip())))
     require_unique_names(path, [shot.name for shot in shots])

@@ -32,8 +32,8 @@ class Masks:
         folder = Path(folder)
         if not folder.is_dir():
             raise DataError(folder, "no such folder", "give a folder with a mask per image")
-        self.folder, self.paths = folder, {_composed(name): path for name, path in mask_files(folder).items()}
-        if not any(_composed(view.name) in self.paths for view in views):
+        self.folder, self.paths = folder, mask_files(folder)
+        if not any(composed(view.name) in self.paths for view in views):
             raise no_mask(folder, views[0].name)
 
     def of(self, view: View) -> np.ndarray | None:
@@ -41,7 +41,7 @@ class Masks:
 
         A mask is one of the photograph: its lens is taken out as that of the photograph was. Raises ``DataError``.
         """
-        path = self.paths.get(_composed(view.name))
+        path = self.paths.get(composed(view.name))
         if path is None:
             return None
         grey, camera = read_image(path)[..., :3].mean(axis=2), view.camera  # [H', W']
@@ -55,22 +55,22 @@ class Masks:
         return (_resized(grey, camera.width, camera.height) >= USED).astype(np.float32)
 
 
-def _composed(name: str) -> str:
+def composed(name: str) -> str:
     """A name by which masks and images are told, with letters and their marks in one: macOS takes them apart."""
     return normalize("NFC", name)
 
 
 def mask_files(folder: Path) -> dict[str, Path]:
-    """The masks of a folder, by the names of the views that they are of."""
+    """The masks of a folder, by the ``composed`` names of the views that they are of."""
     paths: dict[str, Path] = {}
     found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
     for path in found:
         image = path.relative_to(folder)
         if Path(image.stem).suffix.lower() in SUFFIXES:
             image = image.with_suffix("")
-        paths.setdefault(view_name(str(image)), path)
+        paths.setdefault(composed(view_name(str(image))), path)
     for path in found:  # an image may itself be called 1.jpg.png
-        paths.setdefault(view_name(str(path.relative_to(folder))), path)
+        paths.setdefault(composed(view_name(str(path.relative_to(folder)))), path)
     return paths
 
 

@@ -6,11 +6,7 @@ import os
 from pathlib import Path
 
 from ..support.errors import DataError
-
-
-def are_of_run(files: list[str]) -> bool:
-    """Whether these are the files of a run, which has settings and a history."""
-    return "config.json" in files and any(file.endswith(".jsonl") for file in files)
+from ..support.run_files import are_of_run
 
 
 def refuse_run(path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -28,9 +30,7 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
 
     config = _parser_config(path)
     config.merge_meshes = config.merge_equivalent = False
-    folders = mi.file_resolver()  # pyright: ignore[reportCallIssue]
-    folders.prepend(as_mitsuba_reads(path.parent.resolve()))
-    try:
+    with _finding_files(path):
         state = mi.parser.parse_file(config, str(path))
         mi.parser.transform_all(config, state)
         integrators = [node.props for node in state.nodes if node.type == mi.ObjectType.Integrator]
@@ -39,16 +39,33 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
         hidden = any("hide_emitters" in properties and properties["hide_emitters"] for properties in integrators)
         with threads_to_load():
             scene = mi.parser.instantiate(config, state)
-    except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
-        raise scene_error(path, error, "Mitsuba cannot load it") from error
-    finally:
-        del folders[0]
     if not isinstance(scene, mi.Scene):
         raise DataError(path, "its root is no scene", "give a file with a <scene> element")
     if scene.integrator() is None:
         kind = "dogsplat" if has_splats(path) else "path"
         raise DataError(path, "the scene has no integrator", f'add <integrator type="{kind}"/>')
     return scene, hidden
+
+
+@contextmanager
+def _finding_files(path: Path) -> Iterator[Any]:
+    """Files that a scene names are found beside it, and where its ``<path>`` says, as ``mi.load_file`` has it.
+
+    Gives what resolves their names. Raises ``DataError`` for what Mitsuba raises meanwhile.
+    """
+    import mitsuba as mi
+
+    folders: Any = cast(Any, mi.file_resolver)()
+    before = [folders[i] for i in range(len(folders))]
+    folders.prepend(as_mitsuba_reads(path.parent.resolve()))
+    try:
+        yield folders
+    except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
+        raise scene_error(path, error, "Mitsuba cannot load it") from error
+    finally:
+        folders.clear()
+        for folder in before:
+            folders.append(folder)
 
 
 def has_splats(path: Path) -> bool:
@@ -77,9 +94,17 @@ def warn_of_unseen_splats(path: Path) -> None:
         log(mi.LogLevel.Warn, f"{path}: {unseen} not seen; use the integrator dogsplat or dogpath")
 
 
-def files_read(path: Path) -> list[Path]:
-    """The XML files of a scene: its own, and those that it includes; it is read, not loaded. Raises ``DataError``."""
-    return [Path(str(file)) for file in _parsed(path).files]
+def files_read(path: Path) -> tuple[list[Path], dict[str, Path]]:
+    """The XML files of a scene, its own and those that it includes, and by the names that it has for them, the files of
+    its textures, meshes and other plugins. It is read, not loaded. Raises ``DataError``."""
+    import mitsuba as mi
+
+    config = _parser_config(path)
+    with _finding_files(path) as folders:
+        state = mi.parser.parse_file(config, str(path))
+        texts = {text for node in state.nodes for _, text in node.props.items() if isinstance(text, str)}
+        found = {text: Path(str(folders.resolve(text))) for text in sorted(texts)}
+    return [Path(str(file)) for file in state.files], {text: file for text, file in found.items() if file.is_file()}
 
 
 def _splats_and_integrators(path: Path) -> tuple[int, set[str]]:
@@ -96,10 +121,8 @@ def _parsed(path: Path) -> Any:
     import mitsuba as mi
 
     config = _parser_config(path)
-    try:
+    with _finding_files(path):
         return mi.parser.parse_file(config, str(path))
-    except Exception as error:  # as above
-        raise scene_error(path, error, "Mitsuba cannot load it") from error
 
 
 def _parser_config(path: Path) -> Any:
@@ -107,7 +130,8 @@ def _parser_config(path: Path) -> Any:
 
     variant = require_variant()
     if not path.is_file():
-        raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
+        problem = "this is a folder" if path.is_dir() else "no such file"
+        raise DataError(path, problem, "give a Mitsuba scene as .xml file")
     as_mitsuba_reads(path)
     return mi.parser.ParserConfig(variant)
 

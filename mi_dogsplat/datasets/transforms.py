@@ -1,9 +1,9 @@
-"""``transforms.json`` (instant-ngp, nerfstudio) and ``transforms_train.json`` + ``_test`` (NeRF synthetic).
+"""``transforms.json`` (instant-ngp, nerfstudio) and ``transforms_train.json`` + ``_val`` + ``_test`` (NeRF synthetic).
 
 Poses are camera-to-world in the OpenGL convention (x right, y up, z backward), or in Mitsuba's (x left, y up, z
 forward) where a key of instant-ngp's tells them. Intrinsics may stand at the top or in each frame. Points come from
-``ply_file_path``, or from a COLMAP model beside the file if its cameras stand at the same places (instant-ngp's
-converter moves and scales the scene, and then they do not); else there are none.
+``ply_file_path``, which are in the frame of the poses, or from the COLMAP model beside the file of which it was made
+(``colmap_beside.py``); else there are none.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 from ..support.errors import DataError
 from ..support.files import read_json
 from .check import require_plausible
-from .colmap import find_model, read_model_points, read_positions
-from .dataset import Dataset, every_eighth, held_out, no_points, require_unique_names, view_name, views_named
+from .colmap import find_model
+from .colmap_beside import points_beside
+from .dataset import Dataset, every_eighth, held_out, require_unique_names, view_name, views_named
 from .frame_cameras import camera_of, lens_of, merged
 from .images import is_file, named_file
-from .point_colors import in_srgb
 from .point_ply import read_point_ply
 from .view_images import ViewSource, load_views, require_files
 
@@ -46,19 +46,14 @@ def find_transforms(path: Path) -> Path | None:
 def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: str = "test") -> Dataset:
     """Read the data set of a ``transforms*.json``. Raises ``DataError``.
 
-    The split is that of the ``_train`` and ``_test`` files, or of ``test_filenames`` in the file, or, where that names
-    nothing, of its ``val_filenames``; else every 8th image by sorted name is test. Where there are ``train_filenames``,
-    no other image is trained on. See ``held_out`` for ``split``.
+    See ``split_sources`` for the split.
     """
     content = _parse(file)
-    sources, train, test = split_sources(file, content)
+    sources, train, test = split_sources(file, content, split)
     if not train:
-        raise DataError(file, "no view is left for training", "name fewer test images")
-    train, test = held_out(train, test, split)
-    wanted = {*train, *test}
-    read = [source for source in sources if source.name in wanted]
-    views, has_alpha = load_views(read, downscale, on_disk=on_disk)
-    points, point_colors = _points(file, content, sources, [source.image_path for source in read])
+        raise DataError(file, "no view is left for training", "name fewer images for tests and validation")
+    views, has_alpha = load_views(sources, downscale, on_disk=on_disk)
+    points, point_colors = _points(file, content, sources)
     train, test = views_named(views, train), views_named(views, test)
     dataset = Dataset(file.parent, train, test, points, point_colors, has_alpha)
     require_plausible(dataset, CONVENTION)
@@ -66,42 +61,61 @@ def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: st
 
 
 def split_sources(
-    file: Path, content: dict[str, Any] | None = None
+    file: Path, content: dict[str, Any] | None = None, split: str = "test"
 ) -> tuple[list[ViewSource], list[str], list[str]]:
-    """Views of a ``transforms*.json`` before images are read, and names of those to train on and to test with.
+    """Views of a ``transforms*.json`` before images are read, and names of those to train on and of those to measure.
+
+    Test views are those of the ``_test`` file beside a ``_train`` one, or of ``test_filenames`` in the file; else those
+    for validation, of the ``_val`` file or of ``val_filenames``; else every 8th image by sorted name. Where there are
+    ``train_filenames``, no other image is trained on. With the ``split`` "validation" the views for validation are
+    measured, where they are neither trained on nor test views; else see ``held_out``.
 
     ``content`` is what the file holds, if that is known. Raises ``DataError``.
     """
     content = _parse(file) if content is None else content
     sources = _sources(file, content)
-    test_file = file.with_name("transforms_test.json")
-    train_names = _named_in(file, content, sources, "train_filenames")
-    test_key = "test_filenames" if content.get("test_filenames") else "val_filenames"
-    test_names = _named_in(file, content, sources, test_key)
-    if file.stem == "transforms_train" and test_file.is_file():
-        test_sources = _sources(test_file, _parse(test_file))
-        test_names = {source.name for source in test_sources}
-        for source in sources:
-            if source.name in test_names:
-                raise DataError(test_file, f'"{source.name}" is in {file.name} too', "remove it from one of the two")
-        sources += test_sources
+    listed = {part: _named_in(file, content, sources, f"{part}_filenames") for part in ("train", "val", "test")}
+    if of_test := _of_file(file, "test"):
+        known, listed["test"] = {source.name for source in sources}, {source.name for source in of_test}
+        if both := next((source.name for source in of_test if source.name in known), None):
+            test_file = _file_of(file, "test")
+            raise DataError(test_file, f'"{both}" is in {file.name} too', "remove it from one of the two")
+    of_val: list[ViewSource] = []
+    if split == "validation" or not listed["test"]:
+        known = {source.name for source in sources + of_test}
+        of_val = [source for source in _of_file(file, "val") if source.name not in known]  # some are copies of others
+        listed["val"] |= {source.name for source in of_val}
+    if of_test or of_val:
+        sources += of_test + of_val
     else:
         sources.sort(key=lambda source: source.image_path)
-    require_unique_names(file, [source.name for source in sources])
-    if train_names:
-        if train_names.isdisjoint(source.name for source in sources):
-            raise DataError(file, '"train_filenames" names none of its images', "correct it, or remove it")
-        named = train_names | test_names
-        sources = [source for source in sources if source.name in named]
     names = [source.name for source in sources]
-    if test_names:
-        train = [name for name in names if name not in test_names]
-        test = [name for name in names if name in test_names]
+    require_unique_names(file, names)
+    if listed["train"] and listed["train"].isdisjoint(names):
+        raise DataError(file, '"train_filenames" names none of its images', "correct it, or remove it")
+    train = [name for name in names if name in listed["train"]] if listed["train"] else names
+    part = "test" if listed["test"] else "val"
+    test = [name for name in names if name in listed[part]]
+    if listed[part]:
+        train = [name for name in train if name not in listed[part]]
         if not test:
-            raise DataError(file, f'"{test_key}" names none of its images', "correct it, or remove it")
+            raise DataError(file, f'"{part}_filenames" names none of its images', "correct it, or remove it")
     else:
-        train, test = every_eighth(names)
-    return sources, train, test
+        train, test = every_eighth(train)
+    own = [name for name in names if name in listed["val"] - listed["test"]] if part == "test" else []
+    train, test = held_out(train, test, split, own)
+    wanted = {*train, *test}
+    return [source for source in sources if source.name in wanted], train, test
+
+
+def _file_of(file: Path, part: str) -> Path:
+    return file.with_name(f"transforms_{part}.json")
+
+
+def _of_file(file: Path, part: str) -> list[ViewSource]:
+    """Views of another part beside a ``transforms_train.json``; none of other files."""
+    beside = _file_of(file, part)
+    return _sources(beside, _parse(beside)) if file.stem == "transforms_train" and beside.is_file() else []
 
 
 def read_frame_positions(file: Path) -> np.ndarray:
@@ -193,25 +207,8 @@ def _named_in(file: Path, content: dict[str, Any], sources: list[ViewSource], ke
     return found
 
 
-def _points(
-    file: Path, content: dict[str, Any], sources: list[ViewSource], photographs: list[Path]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points [P, 3] and colours [P, 3] in the frame of the poses; see the module docstring for where from.
-
-    ``photographs``: images that are there, in whose colours those of COLMAP's points are.
-    """
+def _points(file: Path, content: dict[str, Any], sources: list[ViewSource]) -> tuple[np.ndarray, np.ndarray]:
+    """Points [P, 3] and colours [P, 3] in the frame of the poses; see the module docstring for where from."""
     if content.get("ply_file_path"):
         return read_point_ply(file.parent / str(content["ply_file_path"]).replace("\\", "/"))
-    model = find_model(file.parent)
-    if model is None:
-        return no_points()
-    position_of = read_positions(model)
-    pairs = [(s.camera.position, position_of[s.name]) for s in sources if s.name in position_of]
-    if not pairs:
-        return no_points()
-    ours, theirs = np.array(pairs).transpose(1, 0, 2)  # [V, 3] each
-    spread = np.linalg.norm(ours - ours.mean(axis=0), axis=1).max()
-    if np.abs(ours - theirs).max() > 1e-3 * spread:
-        return no_points()
-    points = read_model_points(model)
-    return points.positions, in_srgb(points.colors, photographs)
+    return points_beside(file.parent, sources)

@@ -104,9 +104,8 @@ def _moved(model: Model, matrix: Array) -> Model:
     """The model where its node has it. What it said of its place is over then: the axes and metres of glTF hold."""
     said, drawing = {"up": UP, "scale": 1.0}, model.drawing
     now: dict[str, Any] = {name: value for name, value in said.items() if getattr(drawing, name) is not None}
-    if drawing.near_clip is not None:  # a length, too
-        now["near_clip"] = drawing.near_clip * mean_scale(matrix)
-    return replace(model, splats=transformed(model.splats, matrix), drawing=replace(drawing, **now))
+    drawing = replace(drawing.enlarged(mean_scale(matrix)), **now)
+    return replace(model, splats=transformed(model.splats, matrix), drawing=drawing)
 
 
 def placing(drawing: Drawing) -> Array:

@@ -15,7 +15,10 @@ from ..support.errors import DataError
 
 @dataclass(frozen=True)
 class Model:
-    """The content of a model file. Raises ``ValueError`` for primitives that are no ``Splats``."""
+    """The content of a model file.
+
+    Raises ``ValueError`` for primitives that are no ``Splats``, and for a drawing that is no ``Drawing``.
+    """
 
     splats: Splats
     """in the axes of 3DGS PLY: right, down, forward"""
@@ -30,15 +33,24 @@ class Model:
                 f"a model has primitives of the class Splats, not {kind}; "
                 'that of a shape "dog" is Model(shape.to_splats(), shape.drawing), that of a file read_model(path)'
             )
+        if not isinstance(self.drawing, Drawing):
+            kind = type(self.drawing).__name__
+            raise ValueError(f'how a model is drawn is a Drawing, as Drawing(up="z"), not {kind}')
 
     def joined(self, *others: Model) -> Model:
         """One model of this one and others, as ``Splats.joined`` makes it; what one of them says on its drawing holds.
 
         Raises ``ValueError`` where they are not drawn alike: then the pictures of some, or the place that they say to
         have, would change. What a model does not say counts as what is usual: sRGB colours that are not antialiased, a
-        near clip of 0.2, white at 1, -y up, and a metre as its unit.
+        near clip of 0.2, white at 1, -y up, and a metre as its unit. Raises it for what is no model, too.
         """
         for k, other in enumerate(others, 1):
+            if not isinstance(other, Model):
+                kind = type(other).__name__
+                raise ValueError(
+                    f"Model.joined: model {k} is of the class {kind}, not Model; "
+                    "that of Splats alone is Model(splats), those of a list are Model.joined(*models)"
+                )
             if different := differences(self.drawing, other.drawing):
                 raise ValueError(
                     f"Model.joined: model 0 and model {k} are not drawn alike: {', '.join(different)}; "

@@ -15,11 +15,13 @@ from ..scene.radiance import brightened
 from ..support.errors import DataError, writing
 from ..support.files import parse_json
 from . import gltf_container, sog_read, spz_container
+from .folders import folder_given
 from .model import Model, require_finite
 from .packing import turned
 from .table import COMPRESSED_PLY, FORMATS, GLB, GLTF, PLY, SOG, SPLAT, SPZ, Format, read_any_ply
 
 HEAD = 1 << 16  # bytes that are looked at first: comments of a PLY may be long
+COMPRESSED = b"packed_position"  # in the header of that kind of PLY
 ZIP, DEFLATED = b"PK\x03\x04", spz_container.GZIP + b"\x08"  # the only method that gzip has
 MODEL_NAMES = f"a model ({' '.join(FORMATS)}, or the {sog_read.META} of SOG)"
 
@@ -93,12 +95,10 @@ def format_of(path: Path) -> Format:
     """What a file is, by its content first. Raises ``DataError`` and ``OSError``."""
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):  # opening a pipe would wait for ever
-        is_folder = stat.S_ISDIR(status.st_mode)
-        models = sorted(file for file in path.iterdir() if is_model_name(file)) if is_folder else []
-        remedy = f"give the model in it: {models[0]}" if models else f"give the path of {MODEL_NAMES}"
-        raise DataError(path, f"this is {'a folder' if is_folder else 'not a regular file'}", remedy)
-    with path.open("rb") as file:
-        head = file.read(HEAD)
+        if stat.S_ISDIR(status.st_mode):
+            raise folder_given(path, sorted(file for file in path.iterdir() if _holds_primitives(file)), MODEL_NAMES)
+        raise DataError(path, "this is not a regular file", f"give the path of {MODEL_NAMES}")
+    head = _head(path)
     if found := _by_content(path, head):
         return found
     if path.suffix.lower() == ".splat":  # has no first bytes of its own
@@ -109,9 +109,22 @@ def format_of(path: Path) -> Format:
     raise DataError(path, "is no model of a known format", f"give {MODEL_NAMES}")
 
 
+def _head(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(HEAD)
+
+
+def _holds_primitives(path: Path) -> bool:
+    """Whether a file has the name of a model, and is no PLY of points or a mesh."""
+    if not is_model_name(path) or not path.is_file():
+        return False
+    head = _head(path) if path.suffix.lower() == ".ply" else b""
+    return not head or b"opacity" in head or COMPRESSED in head.partition(b"end_header")[0]
+
+
 def _by_content(path: Path, head: bytes) -> Format | None:
     if head[:4] in (b"ply\n", b"ply\r"):
-        return COMPRESSED_PLY if b"packed_position" in head.partition(b"end_header")[0] else PLY
+        return COMPRESSED_PLY if COMPRESSED in head.partition(b"end_header")[0] else PLY
     if head[:4] == gltf_container.MAGIC.to_bytes(4, "little"):
         return GLB
     if head[:3] == DEFLATED or head[:4] == spz_container.NGSP:

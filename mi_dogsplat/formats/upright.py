@@ -14,6 +14,5 @@ def upright(model: Model) -> tuple[Model, Array]:
     """The model turned until up is -y and scaled until a unit is a metre, as far as it says; and by what [4, 4]."""
     said = model.drawing
     matrix, factor = placement(said.up, said.scale, UP), said.scale or 1.0
-    near_clip = None if said.near_clip is None else factor * said.near_clip
-    now = replace(said, up=said.up and UP, scale=said.scale and 1.0, near_clip=near_clip)
+    now = replace(said.enlarged(factor), up=said.up and UP, scale=said.scale and 1.0)
     return replace(model, splats=transformed(model.splats, matrix), drawing=now), matrix

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.drawing import USUAL, value_of
+from ..scene.drawing import USUAL
 from ..scene.kinds import varying
 from ..scene.radiance import brightened
 from ..scene.row_groups import SH
@@ -43,9 +43,9 @@ def write_model(
         sh_rows: keep the SH degrees of single primitives where the format can, the layout "rows" of ``write_ply``; else
             all get the coefficients of the highest, as all programs read them.
 
-    Raises ``DataError`` when the format or place cannot be written, for values that are not finite, for a drawing that
-    no reader would take, for no primitives where a format must have some, and for DoG primitives where it knows none
-    (``export.bake.baked`` makes plain Gaussians of them). Raises ``ValueError`` for what is no path or no model.
+    Raises ``DataError`` when the format or place cannot be written, for values that are not finite, for no primitives
+    where a format must have some, and for DoG primitives where it knows none (``export.bake.baked`` makes plain
+    Gaussians of them). Raises ``ValueError`` for what is no path or no model.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise ValueError(f"write_model: the path comes first, then the model; {type(path).__name__} is no path")
@@ -80,7 +80,7 @@ def write_model(
 
 
 def _require_room(path: Path, chosen: Format, model: Model) -> None:
-    """Raise ``DataError`` for DoG, or no primitives, that a format has no room for, and for a drawing of no sense."""
+    """Raise ``DataError`` for DoG, or no primitives, that a format has no room for."""
     splats = model.splats
     if splats.n_dog and not chosen.dog:
         problem = f"{chosen.name} has no room for DoG, the model has {splats.n_dog} of them"
@@ -88,10 +88,6 @@ def _require_room(path: Path, chosen: Format, model: Model) -> None:
     if not splats.n_splats and not chosen.empty:
         problem = f"{chosen.name} has no room for a model without primitives"
         raise DataError(path, problem, "write one that has some, or a .ply")
-    for name, value in model.drawing.said().items():
-        if value_of(name, value) is None:
-            problem = f'"{name}" of the drawing is {value}, which no reader would take'
-            raise DataError(path, problem, "give another value")
 
 
 def _held_by(chosen: Format, splats: Splats, sh_rows: bool) -> Splats:

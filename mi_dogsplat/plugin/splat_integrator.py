@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import index
 from typing import Any
 
 import drjit as dr
@@ -48,7 +49,10 @@ class SplatIntegrator(ADIntegrator):
         super().__init__(props)
         srgb = given(props, "srgb_primitives", bool)
         linear = None if srgb is None else not srgb
-        self.drawing = Drawing(given(props, "antialiased", bool), given(props, "near_clip", float), linear)
+        near_clip = given(props, "near_clip", float)
+        if near_clip is not None and not 0 <= near_clip < math.inf:
+            raise RuntimeError(f'{self.name}: "near_clip" is {near_clip}, it must be finite, 0 or more')
+        self.drawing = Drawing(given(props, "antialiased", bool), near_clip, linear)
         self.hide_emitters = given(props, "hide_emitters", bool, False)
         self.negative_transmittance = given(props, "negative_transmittance", bool, True)
         self.on_pass: Any = None
@@ -60,8 +64,6 @@ class SplatIntegrator(ADIntegrator):
             self.aovs = aovs.read_names(given(props, "aovs", str, ""))
         except ValueError as error:
             raise RuntimeError(f"{self.name}: {error}") from None
-        if self.drawing.near_clip is not None and not 0 <= self.drawing.near_clip < math.inf:
-            raise RuntimeError(f'{self.name}: "near_clip" is {self.drawing.near_clip}, it must be finite, 0 or more')
 
     # --- what children say ---
 
@@ -166,6 +168,10 @@ class SplatIntegrator(ADIntegrator):
 
     def _passes(self, scene: mi.Scene, sensor: mi.Sensor, seed, spp: int) -> list[Sample]:
         refuse_freezing(self.name, "a render")
+        try:
+            spp = index(spp)
+        except TypeError:  # as in C++, which takes the integers of NumPy, too
+            raise RuntimeError(f"{self.name}: spp is {spp!r}, it must be a whole number") from None
         if spp < 0:
             raise RuntimeError(f"{self.name}: spp is {spp}, it must not be negative; 0 asks for that of the sampler")
         if spp == 0:

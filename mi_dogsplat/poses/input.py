@@ -9,9 +9,10 @@ from pathlib import Path
 from ..datasets.colmap import find_model
 from ..datasets.masks import SUFFIXES
 from ..datasets.numbered_models import numbered_models
-from ..datasets.run_folders import are_of_run, refuse_run
+from ..datasets.run_folders import refuse_run
 from ..datasets.transforms import find_transforms
 from ..support.errors import DataError
+from ..support.run_files import are_of_run
 from .config import SETTINGS
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")

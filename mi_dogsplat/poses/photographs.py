@@ -16,7 +16,7 @@ from PIL import Image
 from ..datasets.color_profiles import Encoding, as_srgb, in_rgb, space_of
 from ..datasets.dataset import require_unique_names, view_name
 from ..datasets.images import UNREADABLE, open_image, read_image, stored, stored_size
-from ..datasets.masks import mask_files, no_mask, require_white
+from ..datasets.masks import composed, mask_files, no_mask, require_white
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing
@@ -134,13 +134,12 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
     COLMAP's and ``Masks``' own. Raises ``DataError`` if there is a mask for none, or one is unreadable.
     """
     paths = {_solid(name): path for name, path in mask_files(source).items()}
-    masked = [photograph for photograph in photographs if view_name(photograph.name) in paths]
+    masked = [(p, path) for p in photographs if (path := paths.get(composed(view_name(p.name))))]
     if not masked:
         raise no_mask(source, view_name(photographs[0].name))
-    quarter_turned = [photograph for photograph in masked if photograph.turn in QUARTER_TURNS]
-    all_lie = any(_lies(photograph, paths[view_name(photograph.name)]) for photograph in quarter_turned)
-    for photograph in masked:
-        target, path = folder / f"{photograph.name}.png", paths[view_name(photograph.name)]
+    all_lie = any(_lies(photograph, path) for photograph, path in masked if photograph.turn in QUARTER_TURNS)
+    for photograph, path in masked:
+        target = folder / f"{photograph.name}.png"
         if target.is_file():
             continue
         with _readable(path) as image:

@@ -123,7 +123,8 @@ def find_poses(
     source, out = Path(source), Path(out)
     require_input(source)
     if out.resolve() == source.resolve():
-        raise DataError(out, "is the folder of the photographs itself", "name another one for the poses")
+        is_what = "is the video itself" if is_video(source) else "is the folder of the photographs itself"
+        raise DataError(out, is_what, "name another folder for the poses")
     if config.frames is not None and not is_video(source):
         refuse("frames", f"is for videos, and {source} is a folder of images", "leave it out")
     pycolmap = pycolmap_module(config.gpu)

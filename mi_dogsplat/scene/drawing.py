@@ -24,8 +24,10 @@ BRUSH_UP = {"x": "x", "y": "-y", "z": "-z"}  # what Brush means by its vertical 
 
 @dataclass(frozen=True)
 class Drawing:
-    """How a model is to be drawn; None where its file says nothing. Numbers of NumPy become plain ones, which every
-    format can hold."""
+    """How a model is to be drawn; None where its file says nothing.
+
+    Numbers of NumPy become plain ones, which every format can hold. Raises ``ValueError`` for what makes no sense.
+    """
 
     antialiased: bool | None = None
     """opacities are compensated for the screen-space low-pass filter (Mip-Splatting)"""
@@ -42,12 +44,19 @@ class Drawing:
 
     def __post_init__(self) -> None:
         for name, value in self.said().items():
-            if hasattr(value, "tolist"):
-                object.__setattr__(self, name, value.tolist())  # it is frozen
+            plain = value_of(name, value.tolist() if hasattr(value, "tolist") else value)
+            if plain is None:
+                raise ValueError(f"Drawing: {name} is {value!r}, it must be {ALLOWED[name]}")
+            object.__setattr__(self, name, plain)  # it is frozen
 
     def over(self, other: Drawing) -> Drawing:
         """What this says, and ``other`` where this says nothing."""
         return replace(other, **self.said())
+
+    def enlarged(self, factor: float) -> Drawing:
+        """The same for a model whose lengths are so many times as long; no near clip where that overflows."""
+        near_clip = None if self.near_clip is None else value_of("near_clip", factor * self.near_clip)
+        return replace(self, near_clip=near_clip)
 
     def said(self) -> dict[str, Any]:
         """What is said, by the names of the fields."""
@@ -95,6 +104,14 @@ def _same(name: str, a: Any, b: Any) -> bool:
 
 
 NAMES = tuple(field.name for field in fields(Drawing))
+ALLOWED = {
+    "antialiased": "True or False",
+    "near_clip": "zero or more, and finite",
+    "linear": "True or False",
+    "up": "an axis, as -y, or a direction, as 0,0.6,0.8",
+    "scale": "above zero, and finite",
+    "white": "above zero, and finite",
+}
 FLAGS = {"true": True, "false": False, "1": True, "0": False}
 
 

@@ -274,7 +274,16 @@ class Splats:
 
         Each primitive keeps its SH degree. Of uniform models of one degree the result is uniform, else it is mixed, and
         its ``uniform_sh()`` is padded to the highest degree. Models without primitives have no say in that.
+
+        Raises ``ValueError`` for what is no ``Splats``.
         """
+        for k, other in enumerate(others, 1):
+            if not isinstance(other, Splats):
+                kind = type(other).__name__
+                raise ValueError(
+                    f"Splats.joined: model {k} is of the class {kind}, not Splats; "
+                    "those of a Model are model.splats, those of a list are Splats.joined(*models)"
+                )
         parts = [part for part in (self, *others) if part.n_splats] or [self]
         if len({part.sh_coeffs.shape[1] for part in parts}) > 1 or any(part.mixed_sh for part in parts):
             parts = [part._in_groups_of_sh() for part in parts]

@@ -56,8 +56,8 @@ def require_same(
 ) -> None:
     """Raise ``DataError`` unless the folder was begun with these settings, but for those that are ``free`` to change.
 
-    A setting whose name ends in ``_sha256`` is the digest of a file. ``before``: what settings were in versions that
-    did not note them.
+    A setting whose name ends in ``_sha256`` is the digest of a file, or those of several by their names. ``before``:
+    what settings were in versions that did not note them.
     """
     remedy = "remove the folder, or name another"
     before = {**(before or {}), **read_object(file, remedy)}
@@ -67,6 +67,10 @@ def require_same(
         what = f"{name} was {before.get(name)} and is {settings[name]} now"
         if name not in before:
             what = f"was begun by an earlier version, which did not note {name}"
+        elif isinstance(of_files := settings[name], dict):
+            was = before[name]
+            other = next(one for one in (*of_files, *was) if was.get(one) != of_files.get(one))
+            what = f"the file {other} has changed since it was begun"
         elif name.endswith("_sha256"):
             what = f"the file of the {name.removesuffix('_sha256')} has changed since it was begun"
         raise DataError(file.parent, what, "go on with the same settings, name another folder, or remove this one")

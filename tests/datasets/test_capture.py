@@ -341,6 +341,23 @@ def test_a_scene_of_which_an_included_file_has_changed_is_another(tmp_path):
     assert "the file of the scene has changed" in error_of(scene, tmp_path / "out", config)
 
 
+def test_a_scene_of_which_a_texture_or_mesh_has_changed_is_another(tmp_path):
+    (tmp_path / "more" / "textures").mkdir(parents=True)
+    image, mesh = tmp_path / "more" / "textures" / "a.png", tmp_path / "mesh.obj"
+    Image.new("RGB", (2, 2), (200, 100, 50)).save(image)
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    texture = '<texture type="bitmap" name="reflectance"><string name="filename" value="textures/a.png"/></texture>'
+    shape = f'<shape type="obj"><string name="filename" value="mesh.obj"/><bsdf type="diffuse">{texture}</bsdf></shape>'
+    scene, config = write_scene(tmp_path, '<path value="more"/>', shape), tiny(views=1, test=0, size=(8, 6), points=0)
+    capture(scene, tmp_path / "out", config)
+    capture(scene, tmp_path / "out", config)
+    mesh.write_text("v 0 0 0\nv 2 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert "the file mesh.obj has changed since it was begun" in error_of(scene, tmp_path / "out", config)
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    Image.new("RGB", (2, 2), (200, 100, 60)).save(image)
+    assert "the file textures/a.png has changed since it was begun" in error_of(scene, tmp_path / "out", config)
+
+
 def test_what_a_kill_left_is_removed_and_one_capture_at_a_time_writes(balls, captured, tmp_path):
     shutil.copytree(captured, out := tmp_path / "out")
     (out / "images" / ".002.png.0123456789ab.part").write_bytes(b"half a picture")

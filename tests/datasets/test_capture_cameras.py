@@ -120,7 +120,7 @@ def test_other_sensors_are_refused_in_a_line_that_names_what_can_be_captured(tmp
     else:
         other = sensor("odd", kind=kind, extra=extra)
     message = error_of(write_scene(tmp_path, sensor("good"), other), tmp_path / "out", CaptureConfig(path="sensors"))
-    assert 'sensor "odd"' in message and "only perspective sensors" in message
+    assert 'sensor "odd"' in message and "only perspective sensors" in message and message.count("; ") == 1
     assert not (tmp_path / "out").exists()
 
 

@@ -41,6 +41,10 @@ def test_a_scene_that_cannot_be_captured_is_named_and_leaves_nothing(tmp_path, c
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_in_place_of_a_scene_is_called_one(tmp_path):
+    assert "this is a folder; give a Mitsuba scene as .xml file" in error_of(tmp_path, tmp_path / "out", tiny())
+
+
 def test_a_variant_without_a_compiler_is_refused_in_words(balls, tmp_path):
     mi.set_variant("scalar_rgb")
     assert "scalar_rgb computes no arrays" in error_of(balls, tmp_path / "out", tiny())

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from dataset_folders import error_of
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.scene_file import has_splats, load_scene
+from mi_dogsplat.support.errors import DataError
 from scene_files import scene_file
 
 
@@ -70,3 +72,22 @@ def test_a_scene_of_splats_is_no_data_set(tmp_path):
     (tmp_path / "s.xml").write_text(scene_file(tmp_path).read_text().replace("</scene>", f"{shape}</scene>"))
     error = error_of(tmp_path / "s.xml")
     assert "s.xml: is a scene of splats, not a data set; render it (dogsplat render)" in error
+
+
+def test_files_are_found_beside_their_scene_and_not_beside_one_that_was_loaded_before(tmp_path):
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    spectrum = '<bsdf type="diffuse"><spectrum name="reflectance" filename="a.spd"/></bsdf>'
+    parts = f'<path value="sub"/><shape type="sphere">{spectrum}</shape><integrator type="path"/>'
+    (tmp_path / "one" / "sub").mkdir(parents=True)
+    (tmp_path / "one" / "a.spd").write_text("400 0.1\n700 0.1\n")
+    file = tmp_path / "one" / "scene.xml"
+    file.write_text(f'<scene version="3.0.0">{parts}</scene>')
+    folders = str(mi.file_resolver())
+    assert not has_splats(file)  # which reads it alone
+    load_scene(file)
+    assert str(mi.file_resolver()) == folders
+    file = file.rename(tmp_path / "scene.xml")
+    (tmp_path / "sub").mkdir()
+    with pytest.raises(DataError, match="a.spd"):
+        load_scene(file)

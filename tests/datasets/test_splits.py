@@ -64,6 +64,50 @@ def test_a_transforms_folder_is_read_without_its_test_views(tmp_path, files):
     assert measured == kept[::8] and train == [name for name in kept if name not in measured]
 
 
+def test_views_that_the_data_have_for_validation_are_measured_and_never_trained_on(tmp_path):
+    size: dict[str, Any] = {"w": WIDTH, "h": HEIGHT}
+    for part, n in (("train", 9), ("val", 2), ("test", 2)):
+        transforms_folder(tmp_path, f"transforms_{part}.json", n, part, **size)
+    trained, validation = [f"train_r_{i}" for i in range(9)], ["val_r_0", "val_r_1"]
+    (tmp_path / "test" / "r_1.png").write_bytes(b"no picture")
+    assert names_of(tmp_path) == (trained, validation)
+    (tmp_path / "transforms_test.json").unlink()
+    dataset = load_dataset(tmp_path)  # nothing else is for testing
+    assert ([view.name for view in dataset.train], [view.name for view in dataset.test]) == (trained, validation)
+    assert names_of(tmp_path) == (trained[1:8], [trained[0], trained[8]])
+
+
+@pytest.mark.parametrize("copied", ["train", "test"])
+def test_a_copy_of_another_file_holds_no_views_for_validation(tmp_path, copied):
+    for part, n in (("train", 9), ("test", 2)):
+        transforms_folder(tmp_path, f"transforms_{part}.json", n, part)
+    (tmp_path / "transforms_val.json").write_text((tmp_path / f"transforms_{copied}.json").read_text())
+    assert names_of(tmp_path) == ([f"train_r_{i}" for i in range(1, 8)], ["train_r_0", "train_r_8"])
+
+
+def test_views_for_validation_need_not_be_there_where_others_are_measured(tmp_path):
+    for part, n in (("train", 9), ("val", 2), ("test", 2)):
+        transforms_folder(tmp_path, f"transforms_{part}.json", n, part)
+    (tmp_path / "val" / "r_1.png").unlink()
+    assert len(load_dataset(tmp_path).views) == 11
+    assert "val/r_1" in error_of(tmp_path, split="validation")
+
+
+@pytest.mark.parametrize("train", [True, False])
+def test_val_filenames_are_measured_where_they_are_no_test_views(tmp_path, train):
+    def named(*numbers: int) -> list[str]:
+        return [f"images/r_{i}.png" for i in numbers]
+
+    lists = {"val_filenames": named(3), "test_filenames": named(4)}
+    lists |= {"train_filenames": named(0, 1, 2)} if train else {}
+    transforms_folder(tmp_path, n=6, **lists)
+    rest = ["r_0", "r_1", "r_2"] if train else ["r_0", "r_1", "r_2", "r_5"]
+    assert names_of(tmp_path) == (rest, ["r_3"])
+    assert {view.name for view in load_dataset(tmp_path).train} == {*rest, *(() if train else ("r_3",))}
+    transforms_folder(tmp_path, n=9, val_filenames=named(4), test_filenames=named(4))  # as dogsplat capture has it
+    assert names_of(tmp_path)[1] == ["r_0"]
+
+
 def test_a_mitsuba_scene_renders_the_same_pictures_of_the_views_that_are_left(tmp_path):
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("scalar_rgb")

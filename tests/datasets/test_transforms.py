@@ -16,6 +16,8 @@ from icc_profiles import DISPLAY_P3, SRGB_CURVE, profile, srgb_of
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.masks import mask_files
 from mi_dogsplat.datasets.transforms import not_read
+from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL, affine
+from mi_dogsplat.scene.orientation import rotation_between
 from PIL import Image
 
 
@@ -161,6 +163,33 @@ def test_points_come_from_a_colmap_model_of_the_same_poses_whatever_its_lenses_a
     expected = 255 * srgb_of(np.array([200, 100, 50]) / 255, DISPLAY_P3, SRGB_CURVE)
     wide = load_dataset(tmp_path / "transforms.json")
     np.testing.assert_allclose(255 * wide.point_colors[0], expected, atol=1)
+
+
+AXES_OF_NERFSTUDIO = affine([[0, 1, 0], [1, 0, 0], [0, 0, -1]])  # its "applied_transform"
+SET_UPRIGHT = affine(2.5 * rotation_between(np.array([0, 1, 0]), np.array([0.2, -0.5, 1])), (1, -2, 3))
+
+
+@pytest.mark.parametrize("along", ["a line", "an arc"])
+@pytest.mark.parametrize("placement", [AXES_OF_NERFSTUDIO, SET_UPRIGHT], ids=["nerfstudio", "instant-ngp"])
+def test_points_of_a_colmap_model_go_where_a_converter_has_moved_its_cameras(tmp_path, placement, along):
+    points = colmap_folder(tmp_path)
+    model = tmp_path / "sparse" / "0"
+    places = [(0.3 * i, 0, 0.1 * i * i if along == "an arc" else 0) for i in range(3)]
+    poses = "".join(f"{i} 1 0 0 0 {-x} {-y} {-z} 7 r_{i}.png\n\n" for i, (x, y, z) in enumerate(places))
+    (model / "images.txt").write_text(poses)
+    scale = np.linalg.det(placement[:3, :3]) ** (1 / 3)
+    frames = []
+    for i, place in enumerate(places):
+        pose = placement @ affine(OPENCV_FROM_OPENGL[:3, :3], place)
+        pose[:3, :3] /= scale
+        frames.append({"file_path": f"images/r_{i}", "transform_matrix": pose.tolist()})
+    transforms_folder(tmp_path, frames=frames)
+    read = load_dataset(tmp_path / "transforms.json")
+    expected = points @ placement[:3, :3].T + placement[:3, 3]
+    np.testing.assert_allclose(read.points[np.lexsort(read.points.T)], expected[np.lexsort(expected.T)], atol=1e-5)
+    frames[1]["transform_matrix"][0][3] += 0.1  # other cameras
+    transforms_folder(tmp_path, frames=frames)
+    assert len(load_dataset(tmp_path / "transforms.json").points) == 0
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ import foreign_model
 import numpy as np
 import pytest
 from mi_dogsplat import Splats, read_model, write_model
+from mi_dogsplat.datasets.point_ply import write_point_ply
 from mi_dogsplat.formats.read import read_source
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.support.errors import DataError
@@ -212,6 +213,27 @@ def test_a_gltf_names_what_it_lacks(tmp_path):
 def test_for_a_folder_the_model_in_it_is_named(tmp_path):
     with pytest.raises(DataError, match="this is a folder; give the path of a model"):
         read_model(tmp_path)
+    (tmp_path / "a.ply").mkdir()
+    write_point_ply(tmp_path / "points.ply", np.zeros((2, 3)), np.zeros((2, 3)))
+    with pytest.raises(DataError, match="this is a folder; give the path of a model"):
+        read_model(tmp_path)
     model = written(tmp_path / "point_cloud.ply", random_splats())
     with pytest.raises(DataError, match=f"this is a folder; give the model in it: {model}"):
         read_model(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (["transforms.json", "points.ply"], "is a data set, and here goes a model; .*RUN/point_cloud.ply"),
+        (["sparse", "images"], "is a data set"),
+        (["config.json", "history.jsonl", "checkpoint"], "is a run that has no model yet; let it end .*dogsplat view"),
+    ],
+)
+def test_for_a_folder_without_a_model_it_is_said_what_it_is(tmp_path, names, said):
+    for name in names:
+        path = tmp_path / name
+        path.write_text("ply\nelement vertex 0\nend_header\n") if "." in name else path.mkdir()
+    with pytest.raises(DataError, match=said) as caught:
+        read_model(tmp_path)
+    assert "\n" not in str(caught.value)

@@ -1,6 +1,7 @@
 """Models as one only where they are drawn alike."""
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -30,6 +31,22 @@ def test_what_is_drawn_otherwise_is_not_joined_and_the_line_says_why(a, b, what)
     assert f"model 0 and model 2 are not drawn alike: {what}" in text and "; make them alike" in text
     assert "\n" not in text
     assert Model(SPLATS.joined(SPLATS), a).splats.n_splats == 24  # the way out
+
+
+@pytest.mark.parametrize(
+    ("wrong", "remedy"), [(SPLATS, "Model(splats)"), ([Model(SPLATS)], "Model.joined(*models)")], ids=["splats", "list"]
+)
+def test_what_is_no_model_is_refused_and_the_line_says_how_to_make_one(wrong: Any, remedy):
+    with pytest.raises(ValueError, match=f"model 2 is of the class {type(wrong).__name__}, not Model; ") as error:
+        Model(SPLATS).joined(Model(SPLATS), wrong)
+    assert remedy in str(error.value) and "\n" not in str(error.value)
+    with pytest.raises(ValueError, match="Splats.joined: model 1 is of the class Model, not Splats; .*model.splats"):
+        SPLATS.joined(cast(Any, Model(SPLATS)))
+
+
+def test_how_a_model_is_drawn_is_a_drawing():
+    with pytest.raises(ValueError, match="is a Drawing, .*, not dict"):
+        Model(SPLATS, cast(Any, {"up": "z"}))
 
 
 def test_what_one_says_and_the_others_take_for_granted_is_said_of_the_whole():

@@ -115,3 +115,8 @@ def test_upright_turns_and_scales_numbers_and_near_clip_and_can_be_undone():
     back = transformed(turned.splats, np.linalg.inv(matrix))
     for name in ("means", "log_scales", "sh_coeffs"):
         np.testing.assert_allclose(getattr(back, name), getattr(model.splats, name), atol=1e-5)
+
+
+def test_a_near_clip_that_overflows_is_none():
+    model = Model(foreign_model.model(), Drawing(near_clip=1e308, scale=100.0))
+    assert upright(model)[0].drawing == Drawing(scale=1.0)

@@ -262,9 +262,11 @@ def problem_of(scene: mi.Scene, **choices) -> str:
     return str(failed.value.__cause__)
 
 
-def test_a_negative_number_of_samples_is_an_error_and_a_seed_may_be_of_numpy():
+def test_the_number_of_samples_is_none_below_zero_and_whole_and_a_seed_may_be_of_numpy():
     scene = scene_of(MODEL, CAMERA)
     assert problem_of(scene, spp=-1) == "dogsplat: spp is -1, it must not be negative; 0 asks for that of the sampler"
+    assert problem_of(scene, spp=2.5) == "dogsplat: spp is 2.5, it must be a whole number"  # as in C++
+    assert problem_of(scene, spp=2.0) == "dogsplat: spp is 2.0, it must be a whole number"
     of_numpy, plain = (mi.render(scene, spp=3, seed=seed) for seed in cast("list[Any]", [np.uint32(5), 5]))
     np.testing.assert_array_equal(of_numpy, plain)
 

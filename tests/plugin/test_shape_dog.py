@@ -119,6 +119,8 @@ def test_the_bounding_box_holds_the_centres_and_the_text_the_counts():
     box = load().bbox()
     np.testing.assert_allclose(np.array(box.min), MODEL.means.min(0))
     np.testing.assert_allclose(np.array(box.max), MODEL.means.max(0))
+    scene: Any = mi.load_dict({"type": "scene", "shape": load(), "ball": {"type": "sphere"}})
+    assert scene.bbox() == mi.load_dict({"type": "sphere"}).bbox()  # as docs/mitsuba.md says
     assert "primitives = 12" in str(load()) and f"dog = {MODEL.n_dog}" in str(load())
 
 

@@ -2,11 +2,12 @@
 
 import os
 import sys
+from unicodedata import normalize
 
 import numpy as np
 import pytest
 from icc_profiles import ADOBE_CURVE, ADOBE_RGB, DISPLAY_P3, SRGB_CURVE, profile, srgb_of
-from mi_dogsplat.datasets.images import read_image
+from mi_dogsplat.datasets.images import FORMS, read_image
 from mi_dogsplat.poses.exif import read_exif
 from mi_dogsplat.poses.photographs import prepare, prepare_masks
 from mi_dogsplat.support.errors import DataError
@@ -126,6 +127,15 @@ def test_no_name_begins_a_comment_of_colmaps_text_files(tmp_path):
     assert [p.name for p in made] == ["_1/a#1.png", "_2.png"]
     assert prepare_masks(tmp_path / "masks", made, tmp_path / "made") == 1
     assert (tmp_path / "made" / "_2.png.png").is_file()
+
+
+def test_a_mask_is_found_whose_letters_are_apart_from_their_marks(tmp_path):
+    """As macOS writes them in an archive."""
+    for folder, form in zip(("in", "masks"), FORMS, strict=True):
+        (tmp_path / folder).mkdir()
+        Image.fromarray(pixels()).save(tmp_path / folder / f"{normalize(form, 'ü')}.png")
+    made = prepared(tmp_path / "in", tmp_path / "out")
+    assert prepare_masks(tmp_path / "masks", made, tmp_path / "made") == 1
 
 
 def test_a_jpeg_with_a_preview_behind_it_stays_a_jpeg(tmp_path):

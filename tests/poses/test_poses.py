@@ -214,6 +214,8 @@ def test_the_folder_of_the_photographs_takes_no_poses(room, tmp_path, capsys):
     before = contents(source)
     assert_one_line(run(capsys, "poses", source, "-o", source), "is the folder of the photographs itself", "another")
     assert contents(source) == before
+    (video := tmp_path / "a.mp4").touch()
+    assert_one_line(run(capsys, "poses", video, "-o", video), "is the video itself", "another folder")
 
 
 def test_a_length_that_could_not_be_measured_is_corrected_without_beginning_anew(tmp_path):

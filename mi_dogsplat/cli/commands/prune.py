@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from ...render.picture_options import PictureOptions
-from ...scene.drawing import Drawing
 from ...training.config import TrainConfig
 from ..flags import DATA_HELP, MODEL_HELP, add_settings, training_config
 from ..training_run import run_training
@@ -47,7 +46,9 @@ def run(args: argparse.Namespace) -> None:
     from ...formats.read import read_model
 
     of_file = read_model(args.model).drawing
-    said = Drawing(args.antialiased, args.near_clip, up=args.up, scale=args.unit).over(of_file)
-    unit = args.unit if args.scale else said.scale  # what is measured now comes before what the file says
-    how = {"antialiased": bool(said.antialiased), "near_clip": said.near_clip, "up": said.up, "unit": unit}
+    flags = {"antialiased": args.antialiased, "near_clip": args.near_clip, "up": args.up}
+    how = {name: getattr(of_file, name) if value is None else value for name, value in flags.items()}
+    how["antialiased"] = bool(how["antialiased"])
+    measured = args.scale or args.unit is not None  # which comes before what the file says
+    how["unit"] = args.unit if measured else of_file.scale
     run_training(training_config(args, model=args.model, **how), args.out, args.resume)
