@@ -59,6 +59,14 @@ MESSAGES = {
         "blickabhängige Farbe sowohl im Element „vertex“ als auch im Element „{name}“"
     ),
     "keep f_rest_* in one of the two": "f_rest_* in einem von beiden behalten",
+    'DoG data both in the element "vertex" and in the element "dog"': (
+        "DoG-Daten sowohl im Element „vertex“ als auch im Element „dog“"
+    ),
+    "keep one of the two": "eines von beiden behalten",
+    "more than one of the elements sh1, sh2, sh3 names primitive {number}": (
+        "mehr als eines der Elemente sh1, sh2, sh3 nennt Primitiv {number}"
+    ),
+    "data is left over after the last element": "nach dem letzten Element bleiben Daten übrig",
     'the element "{name}" does not name different primitives of 0 to {last}': (
         "das Element „{name}“ nennt nicht lauter verschiedene Primitive von 0 bis {last}"
     ),
@@ -71,8 +79,13 @@ MESSAGES = {
     "the model holds values that are not finite": "das Modell enthält Werte, die nicht endlich sind",
     "delete those splats; nothing was written": "diese Splats löschen; nichts wurde geschrieben",
     # SPZ and other formats
-    "not SPZ of version 2 or 3, but {version}": "nicht SPZ der Version 2 oder 3, sondern {version}",
-    "convert it, or install the package": "umwandeln, oder das Paket installieren",
+    "is no SPZ file: its header does not begin with NGSP": "ist keine SPZ-Datei: ihr Kopf beginnt nicht mit NGSP",
+    "not SPZ of version 1, 2 or 3, but {version}": "nicht SPZ der Version 1, 2 oder 3, sondern {version}",
+    "convert it to PLY": "sie in PLY umwandeln",
+    "has spherical harmonics of degree {degree}, there are 0 to 4": (
+        "hat SH-Grad {degree}, es gibt 0 bis 4"
+    ),
+    "a position is not finite": "eine Position ist nicht endlich",
     "{size} bytes cannot hold {n} splats": "{size} Bytes können keine {n} Splats enthalten",
     "{n} splats need {need} bytes, the file has {size}": "{n} Splats brauchen {need} Bytes, die Datei hat {size}",
     "its gzip stream ends before its check sum": "sein gzip-Strom endet vor seiner Prüfsumme",
