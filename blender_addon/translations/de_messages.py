@@ -11,6 +11,9 @@ MESSAGES = {
     "{count:,} splats exported": "{count:,} Splats exportiert",
     "{count:,} splats deleted": "{count:,} Splats gelöscht",
     "{count} cameras imported": "{count} Kameras importiert",
+    "{count} cameras imported, {bent} without lens distortion: photographs fit in their middles": (
+        "{count} Kameras importiert, {bent} ohne Linsenverzeichnung: Fotos passen in ihrer Mitte"
+    ),
     "{count} key frames imported": "{count} Schlüsselbilder importiert",
     "{count} key frames exported": "{count} Schlüsselbilder exportiert",
     "set up, but models of linked files keep their colors: {names}; make library overrides of them": (
@@ -168,7 +171,7 @@ MESSAGES = {
     "its shape is not 4 x 4, or it is not finite": "sie ist nicht 4 x 4 groß oder nicht endlich",
     "it is not a rotation and a translation": "sie ist keine Drehung mit Verschiebung",
     "correct it": "sie berichtigen",
-    '"{name}" has lens distortion': "„{name}“ hat eine Linsenverzeichnung",
+    '"{name}" has the lens {lens}, which is none of {known}': "„{name}“ hat die Linse {lens}, keine von {known}",
     "undistort the images first": "zuerst die Bilder entzerren",
     '"{name}" has no focal length or no size': "„{name}“ hat keine Brennweite oder keine Größe",
     'add "fl_x", "fl_y", "w", "h" in pixels': "„fl_x“, „fl_y“, „w“, „h“ in Pixeln ergänzen",
@@ -190,15 +193,13 @@ MESSAGES = {
         "das Bild „{name}“ verwendet die Kamera {number}, die nicht da ist"
     ),
     "copy the file again or export the model again": "die Datei neu kopieren oder das Modell neu exportieren",
-    "camera {number} has lens distortion ({model})": "die Kamera {number} hat eine Linsenverzeichnung ({model})",
+    "camera {number} has the model {model}, which is none of {known}": (
+        "die Kamera {number} hat das Modell {model}, keines von {known}"
+    ),
     "run COLMAP's image_undistorter and use the folder that it writes": (
         "COLMAPs image_undistorter ausführen und den Ordner verwenden, den er schreibt"
     ),
     "camera {number} is {size} with parameters {values}": "die Kamera {number} ist {size} mit Parametern {values}",
-    "camera {number} has the model number {model}, no pinhole": (
-        "die Kamera {number} hat die Modellnummer {model}, keine Lochkamera"
-    ),
-    "camera {number} has the model {model}, no pinhole": "die Kamera {number} hat das Modell {model}, keine Lochkamera",
     "camera {number} has {count} parameters": "die Kamera {number} hat {count} Parameter",
     "{size} bytes instead of {expected}": "{size} Bytes statt {expected}",
     # Camera paths
