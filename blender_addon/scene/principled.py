@@ -68,6 +68,8 @@ def _coatings(reader: Reader, node: bpy.types.Node) -> Plugin:
         found |= {"sheen": min(sheen, 1.0)}
     if coat := reader.constant(node.inputs["Coat Weight"]):
         roughness = reader.constant(node.inputs["Coat Roughness"])
+        if reader.source(node.inputs["Coat Normal"]) != reader.source(node.inputs["Normal"]):
+            reader.note("its coat has the normals of what is below it")
         found |= {"clearcoat": min(coat, 1.0), "clearcoat_gloss": 1 - min(roughness, 1.0)}
     return found
 

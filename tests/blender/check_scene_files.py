@@ -82,6 +82,21 @@ def test_tints_of_principled_are_said_where_they_tint(scene, tmp_path):
     assert '"Coat Tint" is left out' in note
 
 
+@pytest.mark.parametrize("bent, said", [(["Normal"], True), (["Coat Normal"], True), (["Normal", "Coat Normal"], False)])
+def test_normals_that_a_coat_has_alone_or_has_not_are_said(scene, tmp_path, bent, said):
+    """Of a coat that is there: Mitsuba has one map of normals for both."""
+    camera(scene, (0, 0, 8))
+    tree = body(plane(2), material("ShaderNodeBsdfPrincipled")).data.materials[0].node_tree
+    inputs = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED").inputs
+    normal = link(tree, "ShaderNodeNormalMap", "Normal", inputs[bent[0]])
+    link(tree, "ShaderNodeTexImage", "Color", normal.inputs["Color"]).image = image("map", lambda x, y: (x, y, x))
+    tree.links.new(normal.outputs[0], inputs[bent[-1]])
+    assert written(scene, tmp_path)[0].notes == []
+    inputs["Coat Weight"].default_value = 1.0
+    notes = written(scene, tmp_path)[0].notes
+    assert len(notes) == said and all("its coat has the normals of what is below it" in note for note in notes)
+
+
 def test_of_several_outputs_the_one_for_cycles_is_drawn(scene, tmp_path):
     """Though that for EEVEE is the active one."""
     camera(scene, (0, 0, 8))
