@@ -100,6 +100,9 @@ MESSAGES = {
     ),
     # Models and objects
     '"{name}": {reason}': "„{name}“: {reason}",
+    '"{name}": {n:,} of its splats have values that are not finite; delete them': (
+        "„{name}“: {n:,} seiner Splats haben Werte, die nicht endlich sind; sie löschen"
+    ),
     "no splat is left": "kein Splat bleibt übrig",
     "lower the minimum opacity, or check that the model has any": (
         "die kleinste Deckkraft senken, oder prüfen, ob das Modell Splats hat"

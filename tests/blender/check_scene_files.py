@@ -82,7 +82,7 @@ def test_tints_of_principled_are_said_where_they_tint(scene, tmp_path):
     assert '"Coat Tint" is left out' in note
 
 
-@pytest.mark.parametrize("bent, said", [(["Normal"], True), (["Coat Normal"], True), (["Normal", "Coat Normal"], False)])
+@pytest.mark.parametrize("bent, said", [(["Normal"], 1), (["Coat Normal"], 1), (["Normal", "Coat Normal"], 0)])
 def test_normals_that_a_coat_has_alone_or_has_not_are_said(scene, tmp_path, bent, said):
     """Of a coat that is there: Mitsuba has one map of normals for both."""
     camera(scene, (0, 0, 8))
