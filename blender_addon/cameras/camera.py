@@ -22,7 +22,8 @@ RIGID_TOLERANCE = 1e-3
 class Camera:
     """Intrinsics in pixels (the centre of the first pixel is (0.5, 0.5)) and pose of an image.
 
-    Of an orthographic one the rays are parallel, and fx and fy are pixels per unit.
+    Of an orthographic one the rays are parallel, and fx and fy are pixels per unit. ``bent``: the photograph is by a
+    lens that bends rays, and this is the pinhole of its focal lengths, which sees as it does in its middle.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Camera:
     height: int
     image: Path | None = None
     orthographic: bool = False
+    bent: bool = False
 
     def downscaled(self, k: int) -> Camera:
         """The camera of the image averaged over k x k pixels, the remainder cut off."""

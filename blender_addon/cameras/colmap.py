@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,16 +13,18 @@ from ..files.rotation import rotations
 from .camera import Camera, camera_name, rigid
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
-# Number in binary files, name, number of parameters. The other models bend rays even with zero coefficients.
-PINHOLES = {
+# Number in binary files, name, number of parameters. A fisheye bends rays even with zero coefficients.
+LENSES = {
     0: ("SIMPLE_PINHOLE", 3), 1: ("PINHOLE", 4), 2: ("SIMPLE_RADIAL", 4), 3: ("RADIAL", 5), 4: ("OPENCV", 8),
-    6: ("FULL_OPENCV", 12),
+    5: ("OPENCV_FISHEYE", 8), 6: ("FULL_OPENCV", 12), 8: ("SIMPLE_RADIAL_FISHEYE", 4), 9: ("RADIAL_FISHEYE", 5),
+    14: ("SIMPLE_FISHEYE", 3), 15: ("FISHEYE", 4),
 }  # fmt: skip
-NUMBERS = {name: number for number, (name, _) in PINHOLES.items()}
-SEPARATE = ("PINHOLE", "OPENCV", "FULL_OPENCV")  # fx and fy apart
+NUMBERS = {name: number for number, (name, _) in LENSES.items()}
+SEPARATE = ("PINHOLE", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FISHEYE")  # fx and fy apart
 DAMAGED = "copy the file again or export the model again"
+UNKNOWN = "camera {number} has the model {model}, which is none of {known}"
 UNDISTORT = "run COLMAP's image_undistorter and use the folder that it writes"
-Intrinsics = tuple[float, float, float, float, int, int]
+Intrinsics = dict[str, Any]  # of a ``Camera``, by name
 
 
 def find_model(path: Path) -> Path | None:
@@ -56,7 +59,7 @@ def read_colmap(path: Path, model: Path) -> list[Camera]:
             raise FileError(image_file, problem, DAMAGED, name=name, number=camera_id)
         image = folder / name if folder and (folder / name).is_file() else None
         w2c = rigid(image_file, name, _matrix(pose))
-        cameras.append(Camera(camera_name(name), w2c, *intrinsics[camera_id], image))
+        cameras.append(Camera(camera_name(name), w2c, image=image, **intrinsics[camera_id]))
     return cameras
 
 
@@ -74,22 +77,20 @@ def _intrinsics(path: Path, camera_id: int, model: str, width: int, height: int,
     separate = model in SEPARATE
     fx, fy = (values[0], values[1]) if separate else (values[0], values[0])
     cx, cy, *distortion = values[2 if separate else 1 :]
-    if any(distortion):
-        raise FileError(path, "camera {number} has lens distortion ({model})", UNDISTORT, number=camera_id, model=model)
     if not (np.isfinite(values).all() and min(fx, fy) > 0 and min(width, height) > 0):
         size, problem = f"{width}x{height}", "camera {number} is {size} with parameters {values}"
         raise FileError(path, problem, DAMAGED, number=camera_id, size=size, values=values)
-    return fx, fy, cx, cy, width, height
+    bent = any(distortion) or model.endswith("FISHEYE")
+    return {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "width": width, "height": height, "bent": bent}
 
 
 def _binary_cameras(path: Path) -> dict[int, Intrinsics]:
     data, at, cameras = path.read_bytes(), 8, {}
     for _ in range(struct.unpack_from("<Q", data)[0]):
         camera_id, number, width, height = struct.unpack_from("<iiQQ", data, at)
-        if number not in PINHOLES:
-            problem = "camera {number} has the model number {model}, no pinhole"
-            raise FileError(path, problem, UNDISTORT, number=camera_id, model=number)
-        model, count = PINHOLES[number]
+        if number not in LENSES:
+            raise FileError(path, UNKNOWN, UNDISTORT, number=camera_id, model=number, known=", ".join(NUMBERS))
+        model, count = LENSES[number]
         values = struct.unpack_from(f"<{count}d", data, at + 24)
         at += 24 + 8 * count
         cameras[camera_id] = _intrinsics(path, camera_id, model, width, height, list(values))
@@ -114,10 +115,9 @@ def _text_cameras(path: Path) -> dict[int, Intrinsics]:
         if line.strip() and not line.startswith("#"):
             camera_id, model, width, height, *values = line.split()
             if model not in NUMBERS:
-                problem = "camera {number} has the model {model}, no pinhole"
-                raise FileError(path, problem, UNDISTORT, number=camera_id, model=model)
+                raise FileError(path, UNKNOWN, UNDISTORT, number=camera_id, model=model, known=", ".join(NUMBERS))
             numbers = [float(value) for value in values]
-            if len(numbers) != PINHOLES[NUMBERS[model]][1]:
+            if len(numbers) != LENSES[NUMBERS[model]][1]:
                 problem = "camera {number} has {count} parameters"
                 raise FileError(path, problem, DAMAGED, number=camera_id, count=len(numbers))
             cameras[int(camera_id)] = _intrinsics(path, int(camera_id), model, int(width), int(height), numbers)

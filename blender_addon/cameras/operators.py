@@ -69,7 +69,11 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
             return {"CANCELLED"}
         if self.use_first:
             look_through(context.scene, objects[0])
-        self.report({"INFO"}, told("{count} cameras imported", count=len(objects)))
+        if bent := sum(camera.bent for camera in cameras):
+            words = "{count} cameras imported, {bent} without lens distortion: photographs fit in their middles"
+            self.report({"WARNING"}, told(words, count=len(objects), bent=bent))
+        else:
+            self.report({"INFO"}, told("{count} cameras imported", count=len(objects)))
         return {"FINISHED"}
 
     def _matrix(self, context: bpy.types.Context) -> Matrix:

@@ -14,7 +14,10 @@ from .camera import OPENCV_FROM_OPENGL, Camera, camera_name, rigid
 from .json_object import KINDS, read_json_object
 
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
-DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")  # a fisheye bends rays even where all of them are 0
+LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")  # bend rays even without DISTORTIONS
+OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular")  # of instant-ngp, each told by a key of its own
+DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 MITSUBA = "normal_mts_args"  # by it instant-ngp knows Mitsuba's axes: x left, y up, z forward
 OPENGL_FROM_MITSUBA = np.diag([-1.0, 1.0, -1.0, 1.0])
 FOCALS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}
@@ -45,9 +48,13 @@ def read_transforms(path: Path, size_of: Callable[[Path], tuple[int, int]]) -> l
 
 def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Path], tuple[int, int]]) -> Camera:
     name = str(frame["file_path"])
-    fisheye = frame.get("is_fisheye") or "FISHEYE" in str(frame.get("camera_model", ""))
-    if fisheye or any(float(frame.get(key, 0)) for key in DISTORTIONS):
-        raise FileError(path, '"{name}" has lens distortion', "undistort the images first", name=name)
+    lens = next((key for key in OTHER_LENSES if frame.get(key, False) is not False), None)
+    lens = lens or frame.get("camera_model", "PINHOLE")
+    if lens not in LENSES + FISHEYES:
+        problem, known = '"{name}" has the lens {lens}, which is none of {known}', ", ".join(LENSES + FISHEYES)
+        raise FileError(path, problem, "undistort the images first", name=name, lens=lens, known=known)
+    fisheye = bool(frame.get("is_fisheye")) or lens in FISHEYES
+    bent = fisheye or any(float(frame.get(key, 0)) for key in DISTORTIONS)
     image = path.parent / name.replace("\\", "/")
     image = next((f for e in EXTENSIONS if (f := image.with_name(image.name + e)).is_file()), image)
     width, height = (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else size_of(image)
@@ -65,4 +72,5 @@ def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Pat
     if MITSUBA in frame:  # half a turn about y
         w2c = OPENGL_FROM_MITSUBA @ w2c
     called = camera_name(str(frame.get(NAME, name)))
-    return Camera(called, w2c, fx, fy, cx, cy, width, height, image if image.is_file() else None)
+    photograph = image if image.is_file() else None
+    return Camera(called, w2c, fx, fy, cx, cy, width, height, photograph, bent=bent)

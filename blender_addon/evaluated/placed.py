@@ -107,8 +107,15 @@ def placed_model(
 
 
 def moved_model(model: Model, matrix: np.ndarray, name: str) -> Model:
-    """The splats of an object of that name, moved. Raises ``ValueError`` for a transform that flattens them."""
+    """The splats of an object of that name, moved.
+
+    Raises ``ValueError`` for a transform that flattens them, and for numbers that are not finite.
+    """
     try:
-        return transformed(model, matrix)
+        moved = transformed(model, matrix)
     except ValueError as error:
         raise ValueError(told('"{name}": {reason}', name=name, reason=error)) from error
+    if n := np.count_nonzero(~moved.is_finite):
+        problem = '"{name}": {n:,} of its splats have values that are not finite; delete them'
+        raise ValueError(told(problem, name=name, n=n))
+    return moved

@@ -78,6 +78,13 @@ class Model:
         """0..3."""
         return (1, 4, 9, 16).index(self.sh_coeffs.shape[1])
 
+    @property
+    def is_finite(self) -> NDArray[np.bool_]:
+        """[N]: whether all is finite that every primitive has."""
+        flat = self.sh_coeffs.reshape(self.n_splats, 3 * self.sh_coeffs.shape[1])
+        dense = self.means, self.log_scales, self.quats, self.logit_opacities[:, None], flat
+        return np.logical_and.reduce([np.isfinite(values).all(axis=1) for values in dense])
+
     def select(self, which: NDArray) -> Model:
         """The primitives of a mask [N] or of indices, in their order."""
         return Model(*(getattr(self, field.name)[which] for field in fields(self)))
@@ -114,8 +121,8 @@ def logit(p: Array) -> Array:
 
 
 def positive_log(x: Array) -> Array:
-    """Logarithm of lengths; what is not positive becomes the smallest length that is shown."""
-    return np.log(np.maximum(x, np.float32(1e-12)))
+    """Logarithm of lengths, whose sign says nothing; 0 becomes the smallest one that is shown."""
+    return np.log(np.maximum(np.abs(x), np.float32(1e-12)))
 
 
 def normalized(quats: Array) -> Array:

@@ -26,6 +26,11 @@ _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _FILTER = ("filter_3D",)
 _LARGEST_LOGIT = math.log(1e6 - 1)  # of an opacity of 1 - 1e-6
+_SMALLEST_LOG_SCALE = math.log(1e-30)
+_INSTEAD = {  # of -∞ and ∞ in some columns: opacities of 0 and 1, scales of 0
+    **dict.fromkeys(("opacity", "dog_opacity"), (-_LARGEST_LOGIT, _LARGEST_LOGIT)),
+    **dict.fromkeys(_SCALE, (_SMALLEST_LOG_SCALE, math.inf)),
+}
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 _CUT = ("cut_0", "cut_1", "cut_2")
 _SHIFT = (*(f"shift_{i}" for i in range(9)), "view_0", "view_1", "view_2")  # axis by axis, by each of the view
@@ -39,6 +44,7 @@ _TYPES = {
     "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
     "float": "f4", "double": "f8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
+_MAX_HEADER = 1 << 20  # bytes
 _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
 _NOT_3DGS = "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*"
 _DAMAGED = "copy or export the file again"
@@ -83,12 +89,9 @@ def read_ply(path: str | Path) -> Model:
 
 def read_comments(path: str | Path) -> list[str]:
     """The comments of a header that ``read_ply`` accepts."""
-    comments = []
-    with Path(path).open("rb") as file:
-        while (line := file.readline(1 << 16).split()) not in ([], [b"end_header"]):
-            if line[0] == b"comment":
-                comments.append(b" ".join(line[1:]).decode("ascii", "replace"))
-    return comments
+    path = Path(path)
+    with path.open("rb") as file:
+        return _header(path, file)[2]
 
 
 def write_ply(path: str | Path, model: Model, comments: Sequence[str] = ()) -> None:
@@ -136,7 +139,7 @@ def _rest_names(n_rest: int) -> tuple[str, ...]:
 def _columns(path: Path, tables: dict[str, np.ndarray], element: str, names: tuple[str, ...]) -> np.ndarray:
     """Columns of an element by name as float32 [rows, len(names)], all of them there and finite.
 
-    Opacities of 0 and 1, logits of ±∞, become finite.
+    Opacities of 0 and 1 and scales of 0, logits of ±∞ and logarithms of -∞, become finite.
     """
     table = tables[element]
     out = np.empty((len(table), len(names)), np.float32)
@@ -146,9 +149,10 @@ def _columns(path: Path, tables: dict[str, np.ndarray], element: str, names: tup
             remedy = _NOT_3DGS if element == "vertex" else _DAMAGED
             remedy = "this is a compressed PLY, export it uncompressed" if packed else remedy
             raise FileError(path, 'element "{element}" has no property "{name}"', remedy, element=element, name=name)
-        out[:, i] = table[name]
-        if name in ("opacity", "dog_opacity"):
-            np.clip(out[:, i], -_LARGEST_LOGIT, _LARGEST_LOGIT, out=out[:, i], where=np.isinf(out[:, i]))
+        with np.errstate(over="ignore", invalid="ignore"):  # doubles beyond float32 become inf: see below
+            out[:, i] = table[name]
+        if name in _INSTEAD:
+            np.clip(out[:, i], *_INSTEAD[name], out=out[:, i], where=np.isinf(out[:, i]))
     if not np.isfinite(out).all():
         row, column = np.argwhere(~np.isfinite(out))[0]
         problem = '"{name}" in row {row} of the element "{element}" is not finite'
@@ -173,10 +177,14 @@ def _scales_and_opacities(path: Path, tables: dict[str, np.ndarray]) -> tuple[np
 
 def _dog_columns(path: Path, tables: dict[str, np.ndarray], n: int) -> tuple[np.ndarray, np.ndarray]:
     """(is_dog [N], the columns of ``_DOG`` [N, 4]) from the element ``dog``, or from the authors' layout."""
+    inside_vertex = any(name in _DOG for name in tables["vertex"].dtype.names or ())
     if "dog" not in tables:
-        if _DOG[0] in (tables["vertex"].dtype.names or ()):
+        if inside_vertex:
             return np.ones(n, bool), _columns(path, tables, "vertex", _DOG)
         return np.zeros(n, bool), np.zeros((n, 4), np.float32)
+    if inside_vertex:
+        problem = 'DoG data both in the element "vertex" and in the element "dog"'
+        raise FileError(path, problem, "keep one of the two")
     index = _index(path, tables, "dog", n)
     is_dog, dog = np.zeros(n, bool), np.zeros((n, 4), np.float32)
     is_dog[index] = True
@@ -205,28 +213,37 @@ def _rest_columns(path: Path, tables: dict[str, np.ndarray], n_rest: int) -> np.
     if n_rest:
         problem = 'view-dependent color both in the element "vertex" and in the element "{name}"'
         raise FileError(path, problem, "keep f_rest_* in one of the two", name=f"sh{degrees[0]}")
-    rest = np.zeros((len(vertex), _N_REST[degrees[-1]] // 3, 3), np.float32)
+    rest, filled = np.zeros((len(vertex), _N_REST[degrees[-1]] // 3, 3), np.float32), np.zeros(len(vertex), bool)
     for degree in degrees:
         element, k = f"sh{degree}", _N_REST[degree] // 3
-        columns = _columns(path, tables, element, _rest_names(3 * k))
-        rest[_index(path, tables, element, len(vertex)), :k] = columns.reshape(-1, 3, k).transpose(0, 2, 1)
+        columns, index = _columns(path, tables, element, _rest_names(3 * k)), _index(path, tables, element, len(vertex))
+        if (twice := index[filled[index]]).size:
+            problem = "more than one of the elements sh1, sh2, sh3 names primitive {number}"
+            raise FileError(path, problem, _DAMAGED, number=twice[0])
+        rest[index, :k], filled[index] = columns.reshape(-1, 3, k).transpose(0, 2, 1), True
     return rest
 
 
 def _index(path: Path, tables: dict[str, np.ndarray], element: str, n: int) -> np.ndarray:
     """The column ``index`` [M]: different primitives."""
     _columns(path, tables, element, ("index",))
-    index = tables[element]["index"].astype(np.int64)  # float32 would round it
-    if len(index) and not (index.min() >= 0 and index.max() < n and len(np.unique(index)) == len(index)):
+    index = tables[element]["index"].astype(np.float64)  # any 32-bit integer is exact
+    whole = (index >= 0) & (index < n) & (index == np.floor(index))
+    if not whole.all() or len(np.unique(index)) != len(index):
         problem = 'the element "{name}" does not name different primitives of 0 to {last}'
         raise FileError(path, problem, _DAMAGED, name=element, last=n - 1)
-    return index
+    return index.astype(np.int64)
 
 
 def _tables(path: Path, file: BinaryIO) -> dict[str, np.ndarray]:
-    """Those of ``_ELEMENTS`` that there are as structured arrays; elements after the last of them are not read."""
-    byte_order, elements = _header(path, file)
-    last = max((i for i, (name, _, _) in enumerate(elements) if name in _ELEMENTS), default=-1)
+    """Those of ``_ELEMENTS`` that there are as structured arrays.
+
+    Elements after the last of them are read only where none has a list. Then the file has to end with them, as a
+    damaged count would go unnoticed.
+    """
+    byte_order, elements, _ = _header(path, file)
+    all_fixed = not any("list" in properties.values() for _, _, properties in elements)
+    last = max((i for i, (name, _, _) in enumerate(elements) if all_fixed or name in _ELEMENTS), default=-1)
     words, size = file.read().split() if byte_order == "=" else [], os.fstat(file.fileno()).st_size
     tables, at = {}, 0
     for name, count, properties in elements[: last + 1]:
@@ -247,21 +264,25 @@ def _tables(path: Path, file: BinaryIO) -> dict[str, np.ndarray]:
         if len(data) != count * dtype.itemsize:
             raise FileError(path, 'the file ends inside of element "{name}"', _DAMAGED, name=name)
         tables[name] = np.frombuffer(data, dtype) if data else np.zeros(0, dtype)
+    if all_fixed and (file.read(1) or words[at:]):
+        raise FileError(path, "data is left over after the last element", _DAMAGED)
     return {name: table for name, table in tables.items() if name in _ELEMENTS}
 
 
-def _header(path: Path, file: BinaryIO) -> tuple[str, list[tuple[str, int, dict[str, str]]]]:
-    """(byte order, elements as (name, count, properties)); leaves the file at the first byte of data."""
+def _header(path: Path, file: BinaryIO) -> tuple[str, list[tuple[str, int, dict[str, str]]], list[str]]:
+    """(byte order, elements as (name, count, properties), comments); leaves the file at the first byte of data."""
     if file.readline(8).rstrip() != b"ply":
         raise FileError(path, 'not a PLY file (its first line is not "ply")', _NOT_3DGS)
-    byte_order, elements = "", []
+    byte_order, elements, comments = "", [], []
     while True:
-        line = file.readline(1 << 16)
+        line = file.readline(_MAX_HEADER)
         words = line.decode("ascii", "replace").split()
-        if not line.endswith(b"\n"):
+        if not line.endswith(b"\n") or file.tell() > _MAX_HEADER:
             raise FileError(path, 'the header has no "end_header" line', _DAMAGED)
         match words:
-            case [] | ["comment" | "obj_info", *_]:
+            case ["comment", *rest]:
+                comments.append(" ".join(rest))
+            case [] | ["obj_info", *_]:
                 continue
             case ["end_header"]:
                 break
@@ -281,4 +302,4 @@ def _header(path: Path, file: BinaryIO) -> tuple[str, list[tuple[str, int, dict[
                 raise FileError(path, 'header line "{line}" makes no sense', _DAMAGED, line=" ".join(words)[:60])
     if not byte_order:
         raise FileError(path, 'the header has no "format" line', _DAMAGED)
-    return byte_order, elements
+    return byte_order, elements, comments

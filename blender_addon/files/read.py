@@ -14,18 +14,19 @@ from .ply import read_comments, read_ply
 from .said import Said, said_in
 from .spz import GZIP, gzip_comments, read_spz
 
+HEAD = 1 << 16  # bytes that are looked at first: comments may be long
 EXTENSIONS = (".ply", ".spz", ".sog", ".glb", ".gltf", ".splat", ".json")  # .json: the meta.json of SOG
 Converter = Callable[[Path, Path], None]  # any model to a PLY, DoG and comments kept; raises ``FileError``
 
 
 def read_model(path: str | Path, convert: Converter) -> tuple[Model, Said]:
-    """Read a model of any format. Raises ``FileError``; ``convert`` is asked for what is neither PLY nor SPZ 2 or 3."""
+    """Read a model of any format. Raises ``FileError``; ``convert`` is asked for what is neither PLY nor SPZ 1 to 3."""
     path = Path(path)
     if path.is_dir():
         raise FileError(path, "this is a folder", "give the path of a model")
     try:
         with path.open("rb") as file:
-            head = file.read(4096)
+            head = file.read(HEAD)
     except OSError as error:
         remedy = "check the path and its permissions"
         raise FileError(path, "cannot be read ({reason})", remedy, reason=error.strerror) from error
@@ -34,7 +35,7 @@ def read_model(path: str | Path, convert: Converter) -> tuple[Model, Said]:
         comments = gzip_comments(head)
         said = replace(said_in(comments), antialiased=antialiased)
         return spz_radiance(model, said.light, comments) if said.linear else model, said
-    is_ply, packed = head[:3] == b"ply", b"packed_position" in head
+    is_ply, packed = head[:3] == b"ply", b"packed_position" in head.partition(b"end_header")[0]
     if (is_ply and not packed) or (path.suffix.lower() == ".ply" and not is_ply):  # its reader knows what is wrong
         return read_ply(path), said_in(read_comments(path))
     with tempfile.TemporaryDirectory(prefix="dogsplat_") as folder:

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from .light import Light
 
 RENDER_MODES = {"mip": True, "default": False}
+FLAGS = {"true": True, "false": False, "1": True, "0": False}
 UP_AXES = ("X", "-X", "Y", "-Y", "Z", "-Z")
+BRUSH_UP = {"x": "x", "y": "-y", "z": "-z"}  # what Brush means by its vertical axis
 
 
 @dataclass(frozen=True)
@@ -47,18 +49,20 @@ def said_in(comments: list[str]) -> Said:
     others: dict[str, object] = {}
     for comment in comments:
         match comment.split():
-            case ["dogsplat", "antialiased" | "linear" as name, "true" | "false" as value]:
-                ours[name] = value == "true"
+            case ["dogsplat", "antialiased" | "linear" as name, flag] if flag.lower() in FLAGS:
+                ours[name] = FLAGS[flag.lower()]
             case ["dogsplat", "up", name] if (up := direction(name)) is not None:
                 ours["up"] = up
             case ["dogsplat", "scale" | "white" as name, number] if _positive(number):
                 ours[name] = float(number)
             case ["dogsplat", "near_clip", number] if _positive(number, or_zero=True):
                 ours["near_clip"] = float(number)
+            case ["antialiased", "0" | "1" as flag]:  # of Postshot
+                others["antialiased"] = FLAGS[flag]
             case ["SplatRenderMode:", mode] if mode in RENDER_MODES:
                 others["antialiased"] = RENDER_MODES[mode]
-            case ["Vertical", "axis:", axis] if axis.lower() in ("y", "z"):  # of Brush, which means down
-                others["up"] = direction(f"-{axis}")
+            case ["Vertical", "axis:", axis] if axis.lower() in BRUSH_UP:
+                others["up"] = direction(BRUSH_UP[axis.lower()])
     return Said(**others | ours)  # type: ignore[arg-type]
 
 

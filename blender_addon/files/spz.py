@@ -1,4 +1,4 @@
-"""Models as SPZ files (Niantic), versions 2 and 3: one gzip stream of quantised attributes.
+"""Models as SPZ files (Niantic), versions 1 to 3: one gzip stream of quantised attributes.
 
 The same format as ``mi_dogsplat.formats.spz``, which documents it; this copy keeps the add-on free of other packages.
 Version 4 needs Zstandard, and so the package.
@@ -25,7 +25,7 @@ _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components b
 # SPZ is in axes right, up, back; files of 3DGS are in right, down, forward. Signs of the basis functions of SH:
 _SIGNS = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
 _AGAIN = "copy or export the file again"
-_VERSION = "not SPZ of version 2 or 3, but {version}"
+_VERSION = "not SPZ of version 1, 2 or 3, but {version}"
 
 
 def gzip_comments(head: bytes) -> list[str]:
@@ -45,9 +45,14 @@ def read_spz(path: str | Path) -> tuple[Model, bool]:
         data = path.read_bytes()
         inflate = zlib.decompressobj(16 + zlib.MAX_WBITS)
         magic, version, n, degree, bits, flags, _ = _HEADER.unpack(inflate.decompress(data, _HEADER.size))
-        if magic != _MAGIC or version not in (2, 3) or degree > 4:
-            raise FileError(path, _VERSION, "convert it, or install the package", version=version)
-        sizes = (9, 1, 3, 3, 3 if version == 2 else 4, 3 * ((degree + 1) ** 2 - 1))
+        if magic != _MAGIC:
+            raise FileError(path, "is no SPZ file: its header does not begin with NGSP", _AGAIN)
+        if version not in (1, 2, 3):
+            raise FileError(path, _VERSION, "convert it to PLY", version=version)
+        if degree > 4:
+            problem = "has spherical harmonics of degree {degree}, there are 0 to 4"
+            raise FileError(path, problem, _AGAIN, degree=degree)
+        sizes = (6 if version == 1 else 9, 1, 3, 3, 3 if version < 3 else 4, 3 * ((degree + 1) ** 2 - 1))
         need = n * sum(sizes)
         if need > _FREE + _MOST * len(data):
             raise FileError(path, "{size} bytes cannot hold {n} splats", _AGAIN, size=len(data), n=n)
@@ -65,13 +70,12 @@ def read_spz(path: str | Path) -> tuple[Model, bool]:
     ends = np.cumsum([0, *sizes]) * n
     parts = [np.frombuffer(body[a:b], np.uint8) for a, b in zip(ends, ends[1:], strict=False)]
     positions, opacities, colors, scales, rotations, rest = parts
-    fixed = np.zeros((n, 3, 4), np.uint8)
-    fixed[..., 1:] = positions.reshape(n, 3, 3)
+    means = _floats(path, positions) if version == 1 else _fixed(positions, bits)
     sh = np.concatenate([(colors.reshape(n, 1, 3) / 255 - 0.5) / 0.15,
                          (rest.reshape(n, (degree + 1) ** 2 - 1, 3)[:, :15] - 128.0) / 128], axis=1)  # fmt: skip
-    quats = _first_three(rotations) if version == 2 else _smallest_three(rotations)
+    quats = _first_three(rotations) if version < 3 else _smallest_three(rotations)
     model = Model(
-        means=((fixed.view("<i4")[..., 0] >> 8) / 2.0**bits * [1, -1, -1]).astype(np.float32),
+        means=(means * [1, -1, -1]).astype(np.float32),
         log_scales=(scales.reshape(n, 3) / 16 - 10).astype(np.float32),
         quats=(quats[:, [3, 0, 1, 2]] * [1, 1, -1, -1]).astype(np.float32),
         logit_opacities=logit(np.clip(opacities / 255, 1e-6, 1 - 1e-6)),
@@ -94,6 +98,21 @@ def _to_the_end(path: Path, inflate: Any, size: int) -> None:
             break
     if not inflate.eof:
         raise FileError(path, "its gzip stream ends before its check sum", _AGAIN)
+
+
+def _floats(path: Path, raw: np.ndarray) -> np.ndarray:
+    """Positions [N, 3] of version 1. Raises ``FileError``."""
+    means = raw.view("<f2").reshape(-1, 3).astype(np.float64)
+    if not np.isfinite(means).all():
+        raise FileError(path, "a position is not finite", _AGAIN)
+    return means
+
+
+def _fixed(raw: np.ndarray, bits: int) -> np.ndarray:
+    """Positions [N, 3] of later versions, of whose 24 bits some are the fraction."""
+    fixed = np.zeros((len(raw) // 9, 3, 4), np.uint8)
+    fixed[..., 1:] = raw.reshape(-1, 3, 3)
+    return (fixed.view("<i4")[..., 0] >> 8) / 2.0**bits
 
 
 def _first_three(raw: np.ndarray) -> np.ndarray:

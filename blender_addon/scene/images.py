@@ -9,7 +9,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..files.srgb import decoded
+from ..files.srgb import decoded, encoded
 from ..objects.working_space import from_working, working_space
 from .export import Export, Plugin
 from .written_images import WRITTEN
@@ -23,13 +23,13 @@ def bitmap(
 ) -> Plugin | None:
     """A texture of one image; None, with a note, where it has no pixels.
 
-    channel: ``Alpha`` for that alone. factor: multiplies linear colours, which then are floats. alpha_used: as in
-    ``_by_alpha``.
+    channel: ``Alpha`` for that alone. factor: multiplies linear colours; bytes become floats where they would be too
+    coarse. alpha_used: as in ``_by_alpha``.
     """
     if not _has_pixels(export, image):
         return None
     alpha = channel == "Alpha"
-    floats = alpha or image.is_float or factor != 1
+    floats = alpha or image.is_float or not 0.5 <= factor <= 1
 
     def write() -> str:
         pixels = pixels_of(image)
@@ -37,7 +37,7 @@ def bitmap(
             return write_floats(export, pixels[..., 3:])
         if floats:
             return write_floats(export, _linear(image, _by_alpha(image, pixels, alpha_used)) * factor)
-        return _write_bytes(export, _by_alpha(image, pixels, alpha_used))
+        return _write_bytes(export, _dimmed(image, _by_alpha(image, pixels, alpha_used), factor))
 
     name = WRITTEN.file_of(export, image, (channel, factor, alpha_used, working_space()), write)
     return {"type": "bitmap", "filename": name, "raw": floats or not _is_encoded(image)}
@@ -71,6 +71,13 @@ def _by_alpha(image: bpy.types.Image, pixels: np.ndarray, alpha_used: bool) -> n
     if image.is_float:
         return colors / np.where(alpha == 0, 1, alpha) if alpha_used else colors
     return colors if alpha_used else colors * alpha
+
+
+def _dimmed(image: bpy.types.Image, colors: np.ndarray, factor: float) -> np.ndarray:
+    """Colours [H, W, 3] of bytes times a factor up to 1, in the encoding that they have."""
+    if factor == 1:
+        return colors
+    return encoded(decoded(colors) * factor) if _is_encoded(image) else colors * factor
 
 
 def _linear(image: bpy.types.Image, pixels: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ What has no counterpart is drawn in the colour of the viewport, and a line says 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,11 +14,12 @@ import numpy as np
 
 from .bsdf import BLACK, SMOOTH, glass, two_sided
 from .export import Export, Plugin, blender_rgb, rgb
-from .principled import bent, note_normal, principled
+from .principled import bent, left_to_diffuse, note_normal, principled
 from .products import product
 from .sockets import Reader, active_tree, output_of
 
 GREY = 1e-4  # by how much the channels of a grey differ
+DEFAULT, PLASTIC = (0.8, 0.8, 0.8), 1.5  # of what has no material: its color, and its index of refraction
 
 
 @dataclass
@@ -41,12 +42,13 @@ class Surface:
 
 def surface(export: Export, material: bpy.types.Material | None, uv_maps: frozenset[str]) -> Surface:
     """What a material looks like, on meshes with these UV maps."""
-    if material is None:
-        return Surface(two_sided({"type": "diffuse", "reflectance": rgb((0.8, 0.8, 0.8))}))
+    if material is None and bpy.app.version >= (5, 0):
+        return _plastic(DEFAULT, 0.5, 0.0)
+    tree = material and active_tree(material)
+    if material is None or tree is None:
+        color = DEFAULT if material is None else material.diffuse_color
+        return Surface(two_sided({"type": "diffuse", "reflectance": blender_rgb(color)}))
     reader = Reader(export, material.name, uv_maps)
-    tree = active_tree(material)
-    if tree is None:
-        return _viewport(reader, material)
     output = output_of(tree)
     if output is None:
         return Surface(BLACK, None, 0.0)
@@ -71,13 +73,19 @@ def _shader(reader: Reader, material: bpy.types.Material, socket: bpy.types.Node
         reader.note(
             'the shader "{node}" has no counterpart in Mitsuba; drawn in the color of the viewport', node=node.name
         )
-        return _viewport(reader, material)
+        return _viewport(material)
     return SHADERS[node.type](reader, node)
 
 
-def _viewport(reader: Reader, material: bpy.types.Material) -> Surface:
-    values = {"base_color": blender_rgb(material.diffuse_color), "roughness": material.roughness}
-    return Surface(two_sided({"type": "principled", **values, "metallic": material.metallic}))
+def _viewport(material: bpy.types.Material) -> Surface:
+    return _plastic(material.diffuse_color, material.roughness, material.metallic)
+
+
+def _plastic(color: Sequence[float], roughness: float, metallic: float) -> Surface:
+    """A Principled BSDF that has else what a new one has."""
+    base = blender_rgb(np.multiply(color[:3], left_to_diffuse(metallic, PLASTIC)))
+    values = {"base_color": base, "roughness": roughness, "metallic": metallic, "eta": PLASTIC}
+    return Surface(two_sided({"type": "principled", **values}))
 
 
 def _principled(reader: Reader, node: bpy.types.Node) -> Surface:

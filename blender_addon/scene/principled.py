@@ -25,20 +25,22 @@ def principled(reader: Reader, node: bpy.types.Node) -> tuple[Plugin, Plugin | N
     for name, weight in TINTS.items():
         if constant_of(inputs[weight]) != 0 and not np.array_equal(constant_of(inputs[name]), (1, 1, 1)):
             reader.note('"{name}" is left out', name=name)
-    base, transmission = reader.color(inputs["Base Color"]), reader.number(inputs["Transmission Weight"])
+    transmission = reader.number(inputs["Transmission Weight"])
     metallic, roughness = reader.number(inputs["Metallic"]), reader.number(inputs["Roughness"])
     ior = reader.constant(inputs["IOR"])
     if isinstance(transmission, float) and transmission > TRANSPARENT and metallic == 0:
         rough = roughness if isinstance(roughness, float) else reader.constant(inputs["Roughness"])
-        bsdf = glass(rough, ior, {"specular_transmittance": _root(reader, base)})
+        bsdf = glass(rough, ior, {"specular_transmittance": _root(reader, inputs["Base Color"])})
         note_normal(reader, node)
     else:
-        values = {"base_color": base, "metallic": metallic, "roughness": roughness, **_coatings(reader, node)}
+        values = {"metallic": metallic, "roughness": roughness, **_coatings(reader, node)}
         if transmission == 0:
             eta = eta_of(ior, reader.constant(inputs["Specular IOR Level"]))
+            values["base_color"] = reader.color(inputs["Base Color"], left_to_diffuse(metallic, eta))
             bsdf = two_sided(bent(reader, node, {"type": "principled", "eta": eta, **values}))
         else:
-            values |= {"eta": max(ior, 1.001), "spec_trans": transmission}
+            base = reader.color(inputs["Base Color"])
+            values |= {"eta": max(ior, 1.001), "spec_trans": transmission, "base_color": base}
             bsdf = bent(reader, node, {"type": "principled", **values})
     alpha = reader.number(inputs["Alpha"])
     return bsdf, _radiance(reader, node), None if alpha == 1 else alpha
@@ -50,6 +52,15 @@ def eta_of(ior: float, level: float) -> float:
     return max((1 + math.sqrt(reflectance)) / (1 - math.sqrt(reflectance)), 1.001)
 
 
+def left_to_diffuse(metallic: float | Plugin, eta: float) -> float:
+    """The share of light from straight ahead that the specular layer does not reflect: a factor of the base color.
+
+    Blender's diffuse part has what that layer leaves, Disney's has all light. Metals have no such part; a texture is
+    taken for one of metal.
+    """
+    return 1 - (1 - metallic) * ((eta - 1) / (eta + 1)) ** 2 if isinstance(metallic, float) else 1.0
+
+
 def _coatings(reader: Reader, node: bpy.types.Node) -> Plugin:
     """Sheen and coat, where there are any; Disney's coat is a quarter as strong as Blender's of weight one."""
     found: Plugin = {}
@@ -57,12 +68,15 @@ def _coatings(reader: Reader, node: bpy.types.Node) -> Plugin:
         found |= {"sheen": min(sheen, 1.0)}
     if coat := reader.constant(node.inputs["Coat Weight"]):
         roughness = reader.constant(node.inputs["Coat Roughness"])
+        if reader.source(node.inputs["Coat Normal"]) != reader.source(node.inputs["Normal"]):
+            reader.note("its coat has the normals of what is below it")
         found |= {"clearcoat": min(coat, 1.0), "clearcoat_gloss": 1 - min(roughness, 1.0)}
     return found
 
 
-def _root(reader: Reader, base: Plugin) -> Plugin:
+def _root(reader: Reader, socket: bpy.types.NodeSocket) -> Plugin:
     """Light passes two interfaces, and the colour is that of both."""
+    base = reader.color(socket)
     if base["type"] != "rgb":
         reader.note("the texture colors what is seen through it at each of its two surfaces")
         return base

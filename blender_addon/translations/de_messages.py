@@ -11,6 +11,9 @@ MESSAGES = {
     "{count:,} splats exported": "{count:,} Splats exportiert",
     "{count:,} splats deleted": "{count:,} Splats gelöscht",
     "{count} cameras imported": "{count} Kameras importiert",
+    "{count} cameras imported, {bent} without lens distortion: photographs fit in their middles": (
+        "{count} Kameras importiert, {bent} ohne Linsenverzeichnung: Fotos passen in ihrer Mitte"
+    ),
     "{count} key frames imported": "{count} Schlüsselbilder importiert",
     "{count} key frames exported": "{count} Schlüsselbilder exportiert",
     "set up, but models of linked files keep their colors: {names}; make library overrides of them": (
@@ -59,6 +62,14 @@ MESSAGES = {
         "blickabhängige Farbe sowohl im Element „vertex“ als auch im Element „{name}“"
     ),
     "keep f_rest_* in one of the two": "f_rest_* in einem von beiden behalten",
+    'DoG data both in the element "vertex" and in the element "dog"': (
+        "DoG-Daten sowohl im Element „vertex“ als auch im Element „dog“"
+    ),
+    "keep one of the two": "eines von beiden behalten",
+    "more than one of the elements sh1, sh2, sh3 names primitive {number}": (
+        "mehr als eines der Elemente sh1, sh2, sh3 nennt Primitiv {number}"
+    ),
+    "data is left over after the last element": "nach dem letzten Element bleiben Daten übrig",
     'the element "{name}" does not name different primitives of 0 to {last}': (
         "das Element „{name}“ nennt nicht lauter verschiedene Primitive von 0 bis {last}"
     ),
@@ -71,8 +82,13 @@ MESSAGES = {
     "the model holds values that are not finite": "das Modell enthält Werte, die nicht endlich sind",
     "delete those splats; nothing was written": "diese Splats löschen; nichts wurde geschrieben",
     # SPZ and other formats
-    "not SPZ of version 2 or 3, but {version}": "nicht SPZ der Version 2 oder 3, sondern {version}",
-    "convert it, or install the package": "umwandeln, oder das Paket installieren",
+    "is no SPZ file: its header does not begin with NGSP": "ist keine SPZ-Datei: ihr Kopf beginnt nicht mit NGSP",
+    "not SPZ of version 1, 2 or 3, but {version}": "nicht SPZ der Version 1, 2 oder 3, sondern {version}",
+    "convert it to PLY": "sie in PLY umwandeln",
+    "has spherical harmonics of degree {degree}, there are 0 to 4": (
+        "hat SH-Grad {degree}, es gibt 0 bis 4"
+    ),
+    "a position is not finite": "eine Position ist nicht endlich",
     "{size} bytes cannot hold {n} splats": "{size} Bytes können keine {n} Splats enthalten",
     "{n} splats need {need} bytes, the file has {size}": "{n} Splats brauchen {need} Bytes, die Datei hat {size}",
     "its gzip stream ends before its check sum": "sein gzip-Strom endet vor seiner Prüfsumme",
@@ -84,6 +100,9 @@ MESSAGES = {
     ),
     # Models and objects
     '"{name}": {reason}': "„{name}“: {reason}",
+    '"{name}": {n:,} of its splats have values that are not finite; delete them': (
+        "„{name}“: {n:,} seiner Splats haben Werte, die nicht endlich sind; sie löschen"
+    ),
     "no splat is left": "kein Splat bleibt übrig",
     "lower the minimum opacity, or check that the model has any": (
         "die kleinste Deckkraft senken, oder prüfen, ob das Modell Splats hat"
@@ -155,7 +174,7 @@ MESSAGES = {
     "its shape is not 4 x 4, or it is not finite": "sie ist nicht 4 x 4 groß oder nicht endlich",
     "it is not a rotation and a translation": "sie ist keine Drehung mit Verschiebung",
     "correct it": "sie berichtigen",
-    '"{name}" has lens distortion': "„{name}“ hat eine Linsenverzeichnung",
+    '"{name}" has the lens {lens}, which is none of {known}': "„{name}“ hat die Linse {lens}, keine von {known}",
     "undistort the images first": "zuerst die Bilder entzerren",
     '"{name}" has no focal length or no size': "„{name}“ hat keine Brennweite oder keine Größe",
     'add "fl_x", "fl_y", "w", "h" in pixels': "„fl_x“, „fl_y“, „w“, „h“ in Pixeln ergänzen",
@@ -177,15 +196,13 @@ MESSAGES = {
         "das Bild „{name}“ verwendet die Kamera {number}, die nicht da ist"
     ),
     "copy the file again or export the model again": "die Datei neu kopieren oder das Modell neu exportieren",
-    "camera {number} has lens distortion ({model})": "die Kamera {number} hat eine Linsenverzeichnung ({model})",
+    "camera {number} has the model {model}, which is none of {known}": (
+        "die Kamera {number} hat das Modell {model}, keines von {known}"
+    ),
     "run COLMAP's image_undistorter and use the folder that it writes": (
         "COLMAPs image_undistorter ausführen und den Ordner verwenden, den er schreibt"
     ),
     "camera {number} is {size} with parameters {values}": "die Kamera {number} ist {size} mit Parametern {values}",
-    "camera {number} has the model number {model}, no pinhole": (
-        "die Kamera {number} hat die Modellnummer {model}, keine Lochkamera"
-    ),
-    "camera {number} has the model {model}, no pinhole": "die Kamera {number} hat das Modell {model}, keine Lochkamera",
     "camera {number} has {count} parameters": "die Kamera {number} hat {count} Parameter",
     "{size} bytes instead of {expected}": "{size} Bytes statt {expected}",
     # Camera paths

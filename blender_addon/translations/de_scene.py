@@ -79,6 +79,7 @@ NOTES = {
     ),
     'the node "{node}" does not bend normals in Mitsuba': "der Node „{node}“ verbiegt in Mitsuba keine Normalen",
     "its normal map has the strength 1": "seine Normal-Map hat die Stärke 1",
+    "its coat has the normals of what is below it": "seine Beschichtung hat die Normalen dessen, was darunter ist",
     # Textures
     'the image "{image}" has no pixels; it is left out': "das Bild „{image}“ hat keine Pixel; es wird weggelassen",
     'of the tiles of the image "{image}" only one is drawn': (

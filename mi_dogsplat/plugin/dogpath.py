@@ -131,6 +131,7 @@ class DogPathIntegrator(SplatIntegrator):
         self._tracer, self._ratios = LatestTracer(), LatestShadowRatios()
         self.mesh_shadows = given(props, "mesh_shadows", bool, False)
         self.mesh_shadow_samples = given(props, "mesh_shadow_samples", int, 64)
+        self.see_through = False  # of hidden emitters: through surfaces that light passes straight too, as alpha says
         if self.mesh_shadow_samples < 1:
             raise RuntimeError(f'dogpath: "mesh_shadow_samples" is {self.mesh_shadow_samples}, it must be at least 1')
         if any(props.type(name) == mi.Properties.Type.Object for name in props.keys()):
@@ -154,7 +155,7 @@ class DogPathIntegrator(SplatIntegrator):
     def over_surfaces(self, frame: Frame, seen: Surfaces, drawn: Drawn) -> list:
         T = frame.T
         light = emitted(frame.colors, drawn.uncovered(T), drawn.linear)
-        limits = Limits(self.max_depth, self.rr_depth, self.hide_emitters)
+        limits = Limits(self.max_depth, self.rr_depth, self.hide_emitters, self.see_through)
         probability = dr.clip(abs(dr.detach(T)) / SURE, 0, 1)
         scene = drawn.scene
         options = TraceOptions(drawn.options.sh_degree, self.negative_transmittance)
@@ -163,7 +164,10 @@ class DogPathIntegrator(SplatIntegrator):
             asked = params, options, drawn.linear
             tracer, lamps = self._tracer.of_replay(*asked, replay.forward) if replay else self._tracer.of(*asked)
             paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.seed)
-            return paths.radiance(seen.ray, probability, replay)
+            found = paths.radiance(seen.ray, probability, replay)
+            if self.see_through and replay is None:
+                seen.clear = paths.clear
+            return found
 
         behind = radiance(trace, drawn.params, drawn.derivative)
         return [dr.fma(T, b, c) for c, b in zip(light, behind, strict=True)]

@@ -40,6 +40,7 @@ class Limits:
     max_depth: int  # that from the camera counts
     rr_depth: int
     hide_environment: bool  # from the camera
+    see_through: bool = False  # it is hidden behind what light passes straight, too
 
 
 @dataclass
@@ -55,6 +56,7 @@ class Lanes:
     pdf: Any  # of d, by BSDF sampling
     delta: Any  # whether BSDF sampling alone finds what lies there
     n: Any  # normal at o
+    straight: Any  # whether nothing lies before it that counts as seen by the camera
 
     def select(self, index: Any) -> Lanes:
         """Some of them."""
@@ -78,6 +80,7 @@ class LightPaths:
     ):
         self.scene, self.tracer, self.lamps = scene, tracer, lamps
         self.limits, self.linear, self.seed = limits, linear, seed
+        self.clear: Any = mi.Float(0)  # of each ray, once traced: the share that no surface or splat keeps
 
     def radiance(self, ray: Any, probability: Any, replay: Replay | None = None) -> Any:
         """Radiance that the first surface, or the environment, sends against rays of the camera: mi.Spectrum.
@@ -92,6 +95,8 @@ class LightPaths:
             replay.begin(self.scene)
         with dr.suspend_grad():
             found = dr.zeros(mi.Spectrum, dr.width(ray))
+            if self.limits.see_through:
+                self.clear = dr.zeros(mi.Float, dr.width(ray))
             lanes = self._start(ray, probability, replay)
             first_maxt = ray.maxt + dr.zeros(mi.Float, dr.width(ray))
             for depth in range(self.limits.max_depth):
@@ -108,7 +113,7 @@ class LightPaths:
         β = mi.Spectrum(dr.select(probability > 0, dr.rcp(probability), 0))
         all_ones = dr.full(mi.Float, 1, n)
         lanes = Lanes(sample, mi.Point3f(ray.o), mi.Vector3f(ray.d), β, all_ones, L, mi.Float(all_ones),
-                      dr.full(mi.Bool, True, n), dr.zeros(mi.Normal3f, n))
+                      dr.full(mi.Bool, True, n), dr.zeros(mi.Normal3f, n), mi.Bool(True))
         return lanes.select(dr.compress(draw < probability))
 
     def _segment(self, lanes: Lanes, depth: int, found: Any, replay: Replay | None, first_maxt: Any) -> Lanes:
@@ -148,10 +153,13 @@ class LightPaths:
         before = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
         before.p, before.n = lanes.o, lanes.n
         ds = mi.DirectionSample3f(scene, si, before)
-        seen: Any = si.is_valid() if depth == 0 and self.limits.hide_environment else mi.Bool(True)
+        seen: Any = si.is_valid() | ~lanes.straight if self.limits.hide_environment else mi.Bool(True)
         mis = mis_weight(lanes.pdf, scene.pdf_emitter_direction(before, ds, ~lanes.delta))
         with dr.resume_grad(when=attached):
             Le = β * dr.detach(mis) * ds.emitter.eval(si, seen)
+
+        if self.limits.see_through:
+            dr.scatter_add(self.clear, dr.mean(β), lanes.sample, lanes.straight & ~si.is_valid())
 
         # --- Sampling of emitters, and of lamps among the splats ---
 
@@ -186,8 +194,10 @@ class LightPaths:
             active &= random.next_float32() < probability
             β *= dr.rcp(probability)
         delta = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Delta)
-        dr.schedule(found)
-        lanes = Lanes(lanes.sample, away.o, away.d, β, η, L, scattered.pdf, delta, si.n)
+        passes = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Null) if self.limits.see_through else mi.Bool(False)
+        dr.schedule(found, self.clear)
+        straight = lanes.straight & passes
+        lanes = Lanes(lanes.sample, away.o, away.d, β, η, L, scattered.pdf, delta, si.n, straight)
         dr.eval(found, lanes.values(), active)
         return lanes.select(dr.compress(active))
 

@@ -26,6 +26,7 @@ class Surfaces:
     normal: list  # 3 channels, shading normals in world space, turned to the camera; 0 where nothing is hit
     meeting: Any  # mi.PreliminaryIntersection3f
     medium: Any  # mi.Medium, around the sensor; None without
+    clear: Any = None  # share of what reaches them that passes straight on to where nothing is; None: of all 0
 
     def behind(self, frame: Frame) -> Frame:
         """``frame``, whose splats end at the surfaces, with the surfaces behind them in all but the colours."""
@@ -34,7 +35,7 @@ class Surfaces:
             frame.depth = dr.fma(T, dr.select(self.hit, self.depth, 0), frame.depth)
         if frame.normal is not None:
             frame.normal = [dr.fma(T, behind, n) for n, behind in zip(frame.normal, self.normal, strict=True)]
-        frame.T = dr.select(self.hit, 0, frame.T)
+        frame.T = dr.select(self.hit, 0 if self.clear is None else frame.T * self.clear, frame.T)
         return frame
 
     def median_depth(self, of_splats: mi.Float) -> mi.Float:

@@ -24,6 +24,7 @@ from .objects import objects_shine
 from .opaque import make_opaque
 from .request import Request
 
+STRAIGHT = "mask", "thindielectric"  # BSDFs that light passes without being bent
 FORMAT = 'write the dictionary of a Mitsuba scene, its transforms as {"matrix": [[...], ...]}'
 
 
@@ -42,9 +43,10 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
     try:
         described = _decoded(content, request.scene.resolve().parent)
         masked = is_masked(request) or (hides_lamps(request) and objects_shine(described))
-        if splats is None and masked:
+        see_through = request.transparent and _lets_through(described)
+        if splats is None and (masked or see_through):
             splats = no_splats()
-        described |= {"type": "scene", "integrator": _integrator(request, splats, masked)}
+        described |= {"type": "scene", "integrator": _integrator(request, number_of(splats) or masked or see_through)}
         if splats is not None:
             described["splats"] = splats
         if sensor is not None:
@@ -56,8 +58,10 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         raise scene_error(request.scene, error, "Mitsuba cannot load it") from error
     if len(scene.sensors()) != 1:
         raise DataError(request.scene, f"has {len(scene.sensors())} sensors", "give it one")
+    integrator: Any = scene.integrator()
+    if see_through:
+        integrator.see_through = True
     if masked:
-        integrator: Any = scene.integrator()
         integrator.masks = camera_masks(request, scene, number_of(splats))
     return scene
 
@@ -97,16 +101,22 @@ def hides_background(request: Request) -> bool:
     return request.hide_lamps and not request.transparent
 
 
-def _integrator(request: Request, splats: Any | None, masked: bool) -> dict[str, Any]:
-    """Path tracing, through splats where there are any; ``masked``: cameras see less than light does.
+def _integrator(request: Request, ours: int) -> dict[str, Any]:
+    """Path tracing; ``ours``: through splats, or as cameras see otherwise than light does, which only ours can.
 
-    Where no emitter is seen Mitsuba's ``path`` drops whatever a path brought that passed masks alone, so that the
-    opacity of a surface weakens it twice. ``prb`` keeps it, but a mask is opaque in its alpha.
+    Of Mitsuba's own ``prb`` keeps light that has passed masks alone, but a mask is opaque in its alpha. ``path`` drops
+    such light where no emitter is seen.
     """
     common = {"max_depth": request.max_depth, "hide_emitters": hides_lamps(request)}
-    if not (number_of(splats) or masked):
+    if not ours:
         return {"type": "path" if request.transparent else "prb", **common}
     return {"type": "dogpath", **common, "mesh_shadows": request.mesh_shadows, **request.drawing.said()}
+
+
+def _lets_through(described: dict[str, Any]) -> bool:
+    """Whether light passes straight through a material."""
+    plugins = [value for value in described.values() if isinstance(value, dict)]
+    return described.get("type") in STRAIGHT or any(_lets_through(plugin) for plugin in plugins)
 
 
 def _decoded(value: Any, folder: Path) -> Any:

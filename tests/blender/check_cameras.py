@@ -174,6 +174,15 @@ def test_a_run_folder_finds_data_that_were_named_relative_to_another_folder(odd,
     assert scene.camera.name == "7"
 
 
+def test_cameras_of_bent_photographs_come_with_a_warning(odd, scene, capfd):
+    folder, camera = odd
+    content = json.loads((folder / "transforms.json").read_text())
+    (folder / "transforms.json").write_text(json.dumps({**content, "k1": -0.1}))
+    assert bpy.ops.import_scene.dogsplat_cameras(filepath=str(folder)) == {"FINISHED"}
+    assert camera_numbers(scene, scene.camera).fx == pytest.approx(camera["fx"], rel=1e-5)
+    assert "Warning: 1 cameras imported, 1 without lens distortion" in capfd.readouterr().out
+
+
 def test_text_and_binary_models_of_colmap_are_the_same(shared, tmp_path):
     binary = {c.name: c for c in read_cameras(shared / "fox", lambda path: (0, 0))[0]}
     folder = tmp_path / "sparse" / "0"
@@ -225,8 +234,8 @@ def test_text_files_may_begin_with_a_mark_or_an_empty_line(odd, tmp_path, start)
         (
             "transforms.json",
             '{"frames": [{"file_path": "a", "transform_matrix": [[1]], "w": 1, "h": 1, "fl_x": 1, '
-            '"camera_model": "OPENCV_FISHEYE", "k1": 0}]}',
-            "lens distortion",
+            '"camera_model": "THIN_PRISM_FISHEYE"}]}',
+            "lens THIN_PRISM_FISHEYE",
         ),
         ("config.json", '{"data": "/nowhere"}', "/nowhere"),
         ("config.json", '{"downscale": 2}', "data set"),

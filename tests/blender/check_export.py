@@ -8,8 +8,9 @@ import pytest
 from mathutils import Matrix
 from model_files import export, load
 from model_values import assert_equal, assert_moved, colors, covariances, some_directions
-from references import REFERENCES
+from references import REFERENCES, place_camera
 
+from blender_addon.engine.order import make_order
 from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_comments, read_ply
 from blender_addon.files.said import Said, said_in
@@ -201,3 +202,30 @@ def test_a_name_may_be_as_long_as_names_can_be(model, tmp_path):
     load(model)
     export(tmp_path / f"{'ä' * 125}.ply")
     assert [len(os.fsencode(path.name)) for path in tmp_path.iterdir()] == [254]
+
+
+def with_scales(obj, values):
+    obj.data.attributes["scale"].data.foreach_set("vector", np.asarray(values, np.float32).ravel())
+    obj.data.update()
+
+
+def test_scales_below_0_are_as_long_as_those_above(model, tmp_path):
+    """As in pictures: an axis has two ends."""
+    obj, before = load(model), read_ply(model)
+    with_scales(obj, -np.exp(before.log_scales))
+    assert np.allclose(export(tmp_path / "out.ply").log_scales, before.log_scales, atol=1e-6)
+
+
+def test_an_object_is_named_whose_values_are_not_finite(scene, model, tmp_path):
+    """Of several, by renders too, which write files of their own."""
+    load(model)
+    obj = load(model)
+    with_scales(obj, np.where(np.arange(150)[:, None] < 7, np.nan, np.exp(read_ply(model).log_scales)))
+    bpy.ops.object.select_all(action="SELECT")
+    said = f'"{obj.name}": 7 of its splats have values that are not finite; delete them'
+    with pytest.raises(RuntimeError, match=said):
+        bpy.ops.export_scene.dogsplat(filepath=str(tmp_path / "out.ply"))
+    place_camera(scene, "dog")
+    with pytest.raises(ValueError, match=said):
+        make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, [])
+    assert not list(tmp_path.glob("*.ply"))

@@ -123,11 +123,11 @@ def test_a_lens_blurs_what_is_out_of_focus_as_in_cycles(scene, tmp_path):
 
 PRINCIPLED = "ShaderNodeBsdfPrincipled"
 MATERIALS = {
-    "rough": (PRINCIPLED, {"Base_Color": (0.8, 0.2, 0.1, 1), "Roughness": 0.6}, 0.08),
+    "rough": (PRINCIPLED, {"Base_Color": (0.8, 0.2, 0.1, 1), "Roughness": 0.6}, 0.03),
     "metal": (PRINCIPLED, {"Base_Color": (0.9, 0.7, 0.2, 1), "Roughness": 0.4, "Metallic": 1.0}, 0.08),
     "glass": (PRINCIPLED, {"Base_Color": (0.9, 1, 0.9, 1), "Roughness": 0.0, "Transmission_Weight": 1.0}, 0.05),
     "shining": (PRINCIPLED, {"Emission_Color": (1, 0.3, 0.1, 1), "Emission_Strength": 2.0}, 0.04),
-    "half there": (PRINCIPLED, {"Base_Color": (1, 0.4, 0.3, 1), "Alpha": 0.4}, 0.09),
+    "half there": (PRINCIPLED, {"Base_Color": (1, 0.4, 0.3, 1), "Alpha": 0.4}, 0.04),
 }
 
 

@@ -29,7 +29,7 @@ def test_what_has_no_counterpart_is_drawn_in_its_viewport_colour_and_said(scene,
     (note,) = result.notes
     assert strange.name in note and "viewport" in note
     (drawn,) = [value for key, value in described.items() if key.startswith("material_")]
-    assert drawn["bsdf"]["base_color"]["value"] == pytest.approx([0.25, 0.5, 0.75])
+    assert drawn["bsdf"]["base_color"]["value"] == pytest.approx([0.24, 0.48, 0.72])  # but what its gloss takes
 
 
 def test_muted_nodes_do_what_they_do_in_blender(scene, tmp_path):
@@ -80,6 +80,21 @@ def test_tints_of_principled_are_said_where_they_tint(scene, tmp_path):
     inputs["Coat Weight"].default_value = 1.0
     (note,) = written(scene, tmp_path)[0].notes
     assert '"Coat Tint" is left out' in note
+
+
+@pytest.mark.parametrize("bent, said", [(["Normal"], 1), (["Coat Normal"], 1), (["Normal", "Coat Normal"], 0)])
+def test_normals_that_a_coat_has_alone_or_has_not_are_said(scene, tmp_path, bent, said):
+    """Of a coat that is there: Mitsuba has one map of normals for both."""
+    camera(scene, (0, 0, 8))
+    tree = body(plane(2), material("ShaderNodeBsdfPrincipled")).data.materials[0].node_tree
+    inputs = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED").inputs
+    normal = link(tree, "ShaderNodeNormalMap", "Normal", inputs[bent[0]])
+    link(tree, "ShaderNodeTexImage", "Color", normal.inputs["Color"]).image = image("map", lambda x, y: (x, y, x))
+    tree.links.new(normal.outputs[0], inputs[bent[-1]])
+    assert written(scene, tmp_path)[0].notes == []
+    inputs["Coat Weight"].default_value = 1.0
+    notes = written(scene, tmp_path)[0].notes
+    assert len(notes) == said and all("its coat has the normals of what is below it" in note for note in notes)
 
 
 def test_of_several_outputs_the_one_for_cycles_is_drawn(scene, tmp_path):

@@ -3,7 +3,9 @@
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import picture
+from blender_pictures import picture, with_alpha
+from model_files import load
+from references import REFERENCES
 from surroundings import GREY, background, body, camera, image, light, link, material, plane, sphere
 
 from blender_addon.cameras.objects import camera_numbers
@@ -137,6 +139,24 @@ def test_a_transparent_shader_has_its_color(scene, tmp_path, kind):
     cycles, ours = both(scene, tmp_path, made)
     assert cycles.max() > 0.04
     assert np.abs(ours - cycles).max() < 0.02
+
+
+@pytest.mark.parametrize("splats", [False, True])
+@pytest.mark.parametrize("kind", ["grey", "colored", "mixed"])
+def test_behind_what_is_transparent_a_transparent_film_shows_nothing(scene, tmp_path, kind, splats):
+    """Alpha says how much would be seen there. Splats are beside the picture."""
+    camera(scene, (0, 0, 8))
+    scene.cycles.samples = scene.dogsplat.samples = 64
+    background(scene, (0.3, 0.5, 0.2, 1))
+    scene.render.film_transparent = True
+    made, _, (clear, _) = mixed(0.3 if kind == "mixed" else 0.0, CLEAR, WHITE)
+    clear.inputs["Color"].default_value = (0.6, 0.6, 0.6, 1) if kind == "grey" else (0.9, 0.3, 0.1, 1)
+    body(plane(20), made)
+    if splats:
+        load(REFERENCES / "plain.ply").location = 30, 0, 0
+    cycles, ours = (with_alpha(scene, engine, tmp_path).mean(axis=(0, 1)) for engine in ("CYCLES", ENGINE))
+    assert 0.2 < cycles[3] < 0.8
+    assert ours == pytest.approx(cycles, abs=0.01)
 
 
 @pytest.mark.parametrize("kind, mode", [
