@@ -98,7 +98,7 @@ def test_val_filenames_are_measured_where_they_are_no_test_views(tmp_path, train
     def named(*numbers: int) -> list[str]:
         return [f"images/r_{i}.png" for i in numbers]
 
-    lists = {"val_filenames": named(3), "test_filenames": named(4)}
+    lists: dict[str, Any] = {"val_filenames": named(3), "test_filenames": named(4)}
     lists |= {"train_filenames": named(0, 1, 2)} if train else {}
     transforms_folder(tmp_path, n=6, **lists)
     rest = ["r_0", "r_1", "r_2"] if train else ["r_0", "r_1", "r_2", "r_5"]
