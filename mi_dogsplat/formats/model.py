@@ -10,6 +10,7 @@ import numpy as np
 from ..scene.drawing import Drawing, differences
 from ..scene.row_groups import GROUPS
 from ..scene.splats import DENSE, Splats
+from ..support.classes import require_class
 from ..support.errors import DataError
 
 
@@ -27,15 +28,9 @@ class Model:
     """a line for each thing in the file that has no place here"""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.splats, Splats):
-            kind = type(self.splats).__name__
-            raise ValueError(
-                f"a model has primitives of the class Splats, not {kind}; "
-                'that of a shape "dog" is Model(shape.to_splats(), shape.drawing), that of a file read_model(path)'
-            )
-        if not isinstance(self.drawing, Drawing):
-            kind = type(self.drawing).__name__
-            raise ValueError(f'how a model is drawn is a Drawing, as Drawing(up="z"), not {kind}')
+        remedy = 'that of a shape "dog" is Model(shape.to_splats(), shape.drawing), that of a file read_model(path)'
+        require_class("Model: what has its primitives", self.splats, Splats, remedy)
+        require_class("Model: how it is drawn", self.drawing, Drawing, 'give a Drawing, as Drawing(up="z")')
 
     def joined(self, *others: Model) -> Model:
         """One model of this one and others, as ``Splats.joined`` makes it; what one of them says on its drawing holds.
@@ -44,13 +39,9 @@ class Model:
         have, would change. What a model does not say counts as what is usual: sRGB colours that are not antialiased, a
         near clip of 0.2, white at 1, -y up, and a metre as its unit. Raises it for what is no model, too.
         """
+        remedy = "that of Splats alone is Model(splats), those of a list are Model.joined(*models)"
         for k, other in enumerate(others, 1):
-            if not isinstance(other, Model):
-                kind = type(other).__name__
-                raise ValueError(
-                    f"Model.joined: model {k} is of the class {kind}, not Model; "
-                    "that of Splats alone is Model(splats), those of a list are Model.joined(*models)"
-                )
+            require_class(f"Model.joined: model {k}", other, Model, remedy)
             if different := differences(self.drawing, other.drawing):
                 raise ValueError(
                     f"Model.joined: model 0 and model {k} are not drawn alike: {', '.join(different)}; "

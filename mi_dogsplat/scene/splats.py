@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..support.classes import require_class
 from ..support.wording import counted
 from .curvatures import mean_brightness
 from .opacity import sigmoid
@@ -277,13 +278,9 @@ class Splats:
 
         Raises ``ValueError`` for what is no ``Splats``.
         """
+        remedy = "those of a Model are model.splats, those of a list are Splats.joined(*models)"
         for k, other in enumerate(others, 1):
-            if not isinstance(other, Splats):
-                kind = type(other).__name__
-                raise ValueError(
-                    f"Splats.joined: model {k} is of the class {kind}, not Splats; "
-                    "those of a Model are model.splats, those of a list are Splats.joined(*models)"
-                )
+            require_class(f"Splats.joined: model {k}", other, Splats, remedy)
         parts = [part for part in (self, *others) if part.n_splats] or [self]
         if len({part.sh_coeffs.shape[1] for part in parts}) > 1 or any(part.mixed_sh for part in parts):
             parts = [part._in_groups_of_sh() for part in parts]

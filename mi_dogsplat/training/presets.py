@@ -247,8 +247,8 @@ class Recipe:
         parts += [DogActivation(self.dog)] if self.dog else []
         parts += [GIVEN[name].activation(rule) for name, rule in self.row_rules.items()]
         if self.quantisation:
-            has_room = size is not None and size[1].name == self.quantisation.format
-            parts += [replace(self.quantisation, room=Room(*size)) if size and has_room else self.quantisation]
+            room = Room(*size) if size and size[1].name == self.quantisation.format else None
+            parts += [replace(self.quantisation, room=room)]
         names = [part.name for part in parts]
         if twice := [name for name in names if names.count(name) > 1]:
             raise ValueError(f'Recipe: two strategies have the name "{twice[0]}"')

@@ -45,7 +45,7 @@ def test_what_is_no_model_is_refused_and_the_line_says_how_to_make_one(wrong: An
 
 
 def test_how_a_model_is_drawn_is_a_drawing():
-    with pytest.raises(ValueError, match="is a Drawing, .*, not dict"):
+    with pytest.raises(ValueError, match="how it is drawn is of the class dict, not Drawing; give a Drawing"):
         Model(SPLATS, cast(Any, {"up": "z"}))
 
 

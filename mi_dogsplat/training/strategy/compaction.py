@@ -76,7 +76,7 @@ class Compaction(Strategy[Compacted]):
         scheduler = PruningScheduler(self.rule, state)
         if size <= self.size and not state.begun:
             state.finished = True
-            more = "a model that grew to more primitives would use them all (--max-primitives)"
+            more = "it has room for more primitives, where --max-primitives lets the model grow to them"
             return [NotPruned(f"the file has {size} bytes, the target is {self.size}; {more}")]
         if not state.begun:
             scheduler.begin(size, self.size)
