@@ -20,6 +20,7 @@ from .sensor import ViewPass
 from .shadow_ratios import LatestShadowRatios
 from .splat_integrator import SplatIntegrator, dog_shapes
 from .splat_lamps import SplatLamps, lamps_of
+from .straight import LatestStraight
 from .surfaces import Surfaces
 from .transfer import emitted
 
@@ -128,7 +129,7 @@ class DogPathIntegrator(SplatIntegrator):
         super().__init__(props)
         for name in ("max_depth", "rr_depth"):  # of Mitsuba, which asks only where a path is as long
             given(props, name, int)
-        self._tracer, self._ratios = LatestTracer(), LatestShadowRatios()
+        self._tracer, self._ratios, self._straight = LatestTracer(), LatestShadowRatios(), LatestStraight()
         self.mesh_shadows = given(props, "mesh_shadows", bool, False)
         self.mesh_shadow_samples = given(props, "mesh_shadow_samples", int, 64)
         self.see_through = False  # of hidden emitters: through surfaces that light passes straight too, as alpha says
@@ -157,13 +158,13 @@ class DogPathIntegrator(SplatIntegrator):
         light = emitted(frame.colors, drawn.uncovered(T), drawn.linear)
         limits = Limits(self.max_depth, self.rr_depth, self.hide_emitters, self.see_through)
         probability = dr.clip(abs(dr.detach(T)) / SURE, 0, 1)
-        scene = drawn.scene
+        scene, straight = drawn.scene, self._straight.of(drawn.scene)
         options = TraceOptions(drawn.options.sh_degree, self.negative_transmittance)
 
         def trace(params: dict, replay: Replay | None) -> Any:
             asked = params, options, drawn.linear
             tracer, lamps = self._tracer.of_replay(*asked, replay.forward) if replay else self._tracer.of(*asked)
-            paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.seed)
+            paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.seed, straight)
             found = paths.radiance(seen.ray, probability, replay)
             if self.see_through and replay is None:
                 seen.clear = paths.clear

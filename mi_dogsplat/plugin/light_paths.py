@@ -13,6 +13,9 @@ parameters differ a little.
 Sampling of emitters and of BSDFs find a light behind splats weakened by the same T: the weights that combine the two
 need not know it. Light of splats is found by BSDF sampling alone, with the weight 1, unless there are captured lamps
 among them (``splat_lamps.py``): then their directions are sampled as well, and the two are combined.
+
+Surfaces that light passes straight (``straight.py``) are no vertices: shadow rays go on behind them, they do not count
+in ``max_depth``, and light that BSDF sampling finds behind them has the weight of the direction that was sampled.
 """
 
 from __future__ import annotations
@@ -27,7 +30,8 @@ from mitsuba.python.ad.integrators.common import mis_weight
 from ..tracing.tracer import SplatTracer
 from .replayed import Replay
 from .splat_lamps import SplatLamps
-from .transfer import emitted, spectrum_of
+from .straight import transmittance
+from .transfer import emitted, mean_of, spectrum_of
 
 RR_MAX = 0.95  # the most that Russian roulette gives a path to go on, as in Mitsuba's own integrators
 STREAM = 0x9E3779B9  # between the seeds of two vertices
@@ -37,7 +41,7 @@ STREAM = 0x9E3779B9  # between the seeds of two vertices
 class Limits:
     """When paths end: after ``max_depth`` segments, by Russian roulette from ``rr_depth`` on."""
 
-    max_depth: int  # that from the camera counts
+    max_depth: int  # that from the camera counts; those behind surfaces that light passes straight do not
     rr_depth: int
     hide_environment: bool  # from the camera
     see_through: bool = False  # it is hidden behind what light passes straight, too
@@ -53,9 +57,12 @@ class Lanes:
     β: Any
     η: Any  # product of relative indices of refraction
     L: Any
-    pdf: Any  # of d, by BSDF sampling
+    pdf: Any  # of d, by BSDF sampling, and of passing surfaces straight since
     delta: Any  # whether BSDF sampling alone finds what lies there
-    n: Any  # normal at o
+    source: Any  # where d was sampled, which is o, or lies before surfaces that were passed straight
+    n: Any  # normal there
+    passed: Any  # number of surfaces that were passed straight since the camera
+    beyond: Any  # whether there are some since ``source``
     straight: Any  # whether nothing lies before it that counts as seen by the camera
 
     def select(self, index: Any) -> Lanes:
@@ -73,13 +80,15 @@ class LightPaths:
         tracer: of the primitives of the scene; attached to the AD graph for a replay.
         lamps: those among the primitives, None where there are none.
         linear: colours of the primitives are linear, not sRGB.
+        straight: light passes surfaces of the scene straight.
     """
 
     def __init__(
-        self, scene: Any, tracer: SplatTracer, lamps: SplatLamps | None, limits: Limits, linear: bool, seed: int
-    ):
+        self, scene: Any, tracer: SplatTracer, lamps: SplatLamps | None, limits: Limits, linear: bool, seed: int,
+        straight: bool,
+    ):  # fmt: skip
         self.scene, self.tracer, self.lamps = scene, tracer, lamps
-        self.limits, self.linear, self.seed = limits, linear, seed
+        self.limits, self.linear, self.seed, self.straight = limits, linear, seed, straight
         self.clear: Any = mi.Float(0)  # of each ray, once traced: the share that no surface or splat keeps
 
     def radiance(self, ray: Any, probability: Any, replay: Replay | None = None) -> Any:
@@ -99,10 +108,10 @@ class LightPaths:
                 self.clear = dr.zeros(mi.Float, dr.width(ray))
             lanes = self._start(ray, probability, replay)
             first_maxt = ray.maxt + dr.zeros(mi.Float, dr.width(ray))
-            for depth in range(self.limits.max_depth):
-                if dr.width(lanes.sample) == 0:
-                    break
-                lanes = self._segment(lanes, depth, found, replay, first_maxt)
+            segment = 0
+            while self.limits.max_depth and dr.width(lanes.sample):
+                lanes = self._segment(lanes, segment, found, replay, first_maxt)
+                segment += 1
             return found
 
     def _start(self, ray: Any, probability: Any, replay: Replay | None) -> Lanes:
@@ -112,32 +121,36 @@ class LightPaths:
         L = dr.zeros(mi.Spectrum, n) if replay is None else mi.Spectrum(replay.L)
         β = mi.Spectrum(dr.select(probability > 0, dr.rcp(probability), 0))
         all_ones = dr.full(mi.Float, 1, n)
-        lanes = Lanes(sample, mi.Point3f(ray.o), mi.Vector3f(ray.d), β, all_ones, L, mi.Float(all_ones),
-                      dr.full(mi.Bool, True, n), dr.zeros(mi.Normal3f, n), mi.Bool(True))
+        o = mi.Point3f(ray.o)
+        lanes = Lanes(sample, o, mi.Vector3f(ray.d), β, all_ones, L, mi.Float(all_ones), dr.full(mi.Bool, True, n),
+                      o, dr.zeros(mi.Normal3f, n), mi.UInt32(0), mi.Bool(False), mi.Bool(True))
         return lanes.select(dr.compress(draw < probability))
 
-    def _segment(self, lanes: Lanes, depth: int, found: Any, replay: Replay | None, first_maxt: Any) -> Lanes:
-        """Adds what a segment and the vertex at its end bring to ``found``; returns the paths that go on.
+    def _segment(self, lanes: Lanes, segment: int, found: Any, replay: Replay | None, first_maxt: Any) -> Lanes:
+        """Adds what a segment and the surface at its end bring to ``found``; returns the paths that go on.
 
         ``first_maxt``: of the rays of the camera, where its far clip ends them.
         """
         scene, attached = self.scene, replay is not None
         β, L = lanes.β, lanes.L
-        random = self._random(lanes.sample, depth)
+        random = self._random(lanes.sample, segment)
+        # a literal where it is the same for all, so that kernels leave out what it decides; else one kernel for all
+        depth = (dr.opaque(mi.UInt32, segment) if self.straight else mi.UInt32(segment)) - lanes.passed
 
         # --- The segment: splats, up to the next surface ---
 
         ray = mi.Ray3f(lanes.o, lanes.d)
-        if depth == 0:
+        if segment == 0:
             ends: Any = dr.gather(mi.Float, first_maxt, lanes.sample)
             ray.maxt = ends
-        meeting = scene.ray_intersect_preliminary(ray, coherent=depth == 0)
+        meeting = scene.ray_intersect_preliminary(ray, coherent=segment == 0)
         Ls, Lr_segment = mi.Spectrum(0), mi.Spectrum(0)
-        if depth:  # in front of the camera they have been splatted
+        if segment:  # in front of the camera they have been splatted
             ray.maxt = dr.select(meeting.is_valid(), meeting.t, dr.largest(mi.Float))
             mis = mi.Float(1)
             if self.lamps:
-                mis = dr.select(lanes.delta, 1, mis_weight(lanes.pdf, self.lamps.pdf(lanes.o, lanes.d)))
+                alone = lanes.delta | lanes.beyond  # shadow rays to lamps end at all surfaces
+                mis = dr.select(alone, 1, mis_weight(lanes.pdf, self.lamps.pdf(lanes.o, lanes.d)))
             with dr.resume_grad(when=attached):
                 colors, T = self.tracer.gather(ray)
                 Ls = β * dr.detach(mis) * spectrum_of(emitted(list(colors), T, self.linear))
@@ -151,7 +164,7 @@ class LightPaths:
 
         si = meeting.compute_surface_interaction(ray)
         before = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
-        before.p, before.n = lanes.o, lanes.n
+        before.p, before.n = lanes.source, lanes.n
         ds = mi.DirectionSample3f(scene, si, before)
         seen: Any = si.is_valid() | ~lanes.straight if self.limits.hide_environment else mi.Bool(True)
         mis = mis_weight(lanes.pdf, scene.pdf_emitter_direction(before, ds, ~lanes.delta))
@@ -159,12 +172,13 @@ class LightPaths:
             Le = β * dr.detach(mis) * ds.emitter.eval(si, seen)
 
         if self.limits.see_through:
-            dr.scatter_add(self.clear, dr.mean(β), lanes.sample, lanes.straight & ~si.is_valid())
+            dr.scatter_add(self.clear, mean_of(β), lanes.sample, lanes.straight & ~si.is_valid())
 
         # --- Sampling of emitters, and of lamps among the splats ---
 
         context, bsdf = mi.BSDFContext(), si.bsdf()
-        active = si.is_valid() & (depth + 1 < self.limits.max_depth)
+        goes_on = depth + 1 < self.limits.max_depth
+        active = si.is_valid() & goes_on
         Lr_direct = self._from_emitters(si, bsdf, active, β, random, attached)
         if self.lamps:
             smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
@@ -174,14 +188,23 @@ class LightPaths:
 
         # --- BSDF sampling ---
 
+        passes, share = mi.Bool(False), mi.Spectrum(1)
+        if self.straight:
+            active = si.is_valid() & (goes_on | mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null))
+            with dr.resume_grad(when=attached):
+                share = bsdf.eval_null_transmission(si, active)
         scattered, weight = bsdf.sample(context, si, random.next_float32(), _next_2d(random), active)
+        if self.straight:
+            passes = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Null) & dr.any(dr.detach(share) != 0)
+            active &= goes_on | passes
         away = si.spawn_ray(si.to_world(scattered.wo))
         if replay is None:
             dr.scatter_add(found, Ls + Le + Lr_direct, lanes.sample)
         else:
             L = L - dr.detach(Le + Lr_direct)
             with dr.resume_grad():
-                Lr_scattered = L * _relative(bsdf.eval(context, si, dr.detach(scattered.wo), active))
+                followed = bsdf.eval(context, si, dr.detach(scattered.wo), active)
+                Lr_scattered = L * _relative(dr.select(passes, share, followed))
                 replay.differentiate(Ls + Lr_segment + Le + Lr_direct + Lr_scattered, lanes.sample, found)
 
         # --- Which go on ---
@@ -189,22 +212,25 @@ class LightPaths:
         β, η = β * weight, lanes.η * scattered.eta
         brightest = dr.max(β)
         active &= brightest != 0
-        if depth >= self.limits.rr_depth:
-            probability = dr.minimum(brightest * η * η, RR_MAX)
-            active &= random.next_float32() < probability
-            β *= dr.rcp(probability)
+        survival = dr.select((depth >= self.limits.rr_depth) & ~passes, dr.minimum(brightest * η * η, RR_MAX), 1)
+        active &= random.next_float32() < survival
+        β *= dr.rcp(survival)
         delta = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Delta)
-        passes = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Null) if self.limits.see_through else mi.Bool(False)
+        straight = lanes.straight & passes if self.limits.see_through else mi.Bool(False)
+        pdf, source, n, passed = scattered.pdf, away.o, si.n, lanes.passed
+        if self.straight:
+            delta, source, n = dr.select(passes, (lanes.delta, lanes.source, lanes.n), (delta, source, n))
+            pdf = dr.select(passes, lanes.pdf * mean_of(dr.detach(share)), pdf)
+            passed = passed + dr.select(passes, mi.UInt32(1), 0)
         dr.schedule(found, self.clear)
-        straight = lanes.straight & passes
-        lanes = Lanes(lanes.sample, away.o, away.d, β, η, L, scattered.pdf, delta, si.n, straight)
+        lanes = Lanes(lanes.sample, away.o, away.d, β, η, L, pdf, delta, source, n, passed, passes, straight)
         dr.eval(found, lanes.values(), active)
         return lanes.select(dr.compress(active))
 
     def _from_emitters(self, si: Any, bsdf: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
         """Light of emitters, as splats let it through, by sampling their directions; none on mirrors."""
         active = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        ds, weight = self.scene.sample_emitter_direction(si, _next_2d(random), True, active)
+        ds, weight = self.scene.sample_emitter_direction(si, _next_2d(random), not self.straight, active)
         active = active & (ds.pdf != 0)
         shadow = si.spawn_ray_to(ds.p)
         # Mitsuba puts these at the end of the surfaces, and splats may be farther
@@ -214,9 +240,13 @@ class LightPaths:
             if attached:
                 value = self.scene.eval_emitter_direction(si, ds, active)
                 weight = dr.replace_grad(weight, value * dr.select(active, dr.rcp(ds.pdf), 0))
+            left = mi.Spectrum(1)
+            if self.straight:
+                left = transmittance(self.scene, si, ds.p, active, attached)
+                active &= dr.any(dr.detach(left) != 0)
             value_bsdf, pdf_bsdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(ds.d), active)
-            mis = dr.select(ds.delta, 1, mis_weight(ds.pdf, pdf_bsdf))
-            T = self.tracer.transmittance(shadow, active)
+            mis = dr.select(ds.delta, 1, mis_weight(ds.pdf, pdf_bsdf * mean_of(dr.detach(left))))
+            T = left * self.tracer.transmittance(shadow, active)
             return dr.select(active, β * dr.detach(mis) * value_bsdf * weight * T, 0)
 
     def _from_lamps(self, si: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:

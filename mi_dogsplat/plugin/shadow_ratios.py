@@ -32,6 +32,7 @@ from ..engine.drjit_internals import held, variable_indices
 from ..engine.normals import normals, shortest_axes
 from ..engine.rows import rows
 from .samples import STEPS
+from .straight import lets_straight, transmittance
 from .transfer import three_channels
 
 SEED = 0  # of all random numbers: every pass, frame and derivative sees the same ratios
@@ -104,14 +105,17 @@ def estimated(scene: Any, params: dict, max_depth: int, samples: int) -> ShadowR
         sides = _Side(normal, n), _Side(-normal, n)
         sampler: Any = mi.load_dict({"type": "independent"})
         sampler.seed(SEED, n)
-        start, bounces = sampler.next_2d(), _bounces(max_depth)
+        start, bounces, straight = sampler.next_2d(), _bounces(max_depth), lets_straight(scene)
         for k in range(samples):
             place = start + mi.Point2f(*(dr.opaque(mi.Float, k * step % 1) for step in STEPS[:2]))
             sample, light = scene.sample_emitter_direction(at, place - dr.floor(place), False)
             light = dr.select(sample.pdf > 0, light, 0)
-            hidden = scene.ray_test(at.spawn_ray_to(sample.p))
+            if straight:
+                left = transmittance(scene, at, sample.p, sample.pdf > 0)
+            else:
+                left = dr.select(scene.ray_test(at.spawn_ray_to(sample.p)), 0, mi.Spectrum(1))
             for side in sides:
-                side.add_light(sample.d, light, hidden)
+                side.add_light(sample.d, light, left)
                 if bounces:
                     side.add_reflected(scene, at, bounces, sampler)
             sampler.schedule_state()
@@ -127,11 +131,11 @@ class _Side:
         self.normal, self.frame = normal, mi.Frame3f(normal)
         self.E, self.E0 = dr.zeros(mi.Spectrum, n), dr.zeros(mi.Spectrum, n)
 
-    def add_light(self, d: Any, light: Any, hidden: Any) -> None:
-        """Of an emitter in the direction ``d``, divided by the density of its sample."""
+    def add_light(self, d: Any, light: Any, left: Any) -> None:
+        """Of an emitter in the direction ``d``, divided by the density of its sample; ``left``: by surfaces."""
         light = light * dr.maximum(dr.dot(self.normal, d), 0)
         self.E0 += light
-        self.E += dr.select(hidden, 0, light)
+        self.E += light * left
 
     def add_reflected(self, scene: Any, at: Any, bounces: Any, sampler: Any) -> None:
         """What surfaces send back, from a direction that is chosen by its cosine."""

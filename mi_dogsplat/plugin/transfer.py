@@ -41,6 +41,11 @@ def spectrum_of(colors: list[mi.Float]) -> Any:
     return mi.luminance(mi.Color3f(colors)) if mi.is_monochromatic else mi.Spectrum(colors)
 
 
+def mean_of(spectrum: Any) -> mi.Float:
+    """Of the channels. ``dr.mean`` makes the width a literal, and a kernel of its own for each."""
+    return dr.sum(spectrum) * (1 / len(spectrum))
+
+
 def emitted(colors: list[mi.Float], T: mi.Float, linear: bool) -> list[mi.Float]:
     """Radiance of blended primitives where light that comes from behind is weakened by T. Differentiable.
 

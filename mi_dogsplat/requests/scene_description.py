@@ -43,10 +43,10 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
     try:
         described = _decoded(content, request.scene.resolve().parent)
         masked = is_masked(request) or (hides_lamps(request) and objects_shine(described))
-        see_through = request.transparent and _lets_through(described)
-        if splats is None and (masked or see_through):
+        straight = _lets_straight(described)
+        if splats is None and (masked or straight):
             splats = no_splats()
-        described |= {"type": "scene", "integrator": _integrator(request, number_of(splats) or masked or see_through)}
+        described |= {"type": "scene", "integrator": _integrator(request, number_of(splats) or masked or straight)}
         if splats is not None:
             described["splats"] = splats
         if sensor is not None:
@@ -59,7 +59,7 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
     if len(scene.sensors()) != 1:
         raise DataError(request.scene, f"has {len(scene.sensors())} sensors", "give it one")
     integrator: Any = scene.integrator()
-    if see_through:
+    if request.transparent and straight:
         integrator.see_through = True
     if masked:
         integrator.masks = camera_masks(request, scene, number_of(splats))
@@ -104,8 +104,7 @@ def hides_background(request: Request) -> bool:
 def _integrator(request: Request, ours: int) -> dict[str, Any]:
     """Path tracing; ``ours``: through splats, or as cameras see otherwise than light does, which only ours can.
 
-    Of Mitsuba's own ``prb`` keeps light that has passed masks alone, but a mask is opaque in its alpha. ``path`` drops
-    such light where no emitter is seen.
+    And where light passes surfaces straight: shadow rays of Mitsuba's ``path`` and ``prb`` end there.
     """
     common = {"max_depth": request.max_depth, "hide_emitters": hides_lamps(request)}
     if not ours:
@@ -113,10 +112,10 @@ def _integrator(request: Request, ours: int) -> dict[str, Any]:
     return {"type": "dogpath", **common, "mesh_shadows": request.mesh_shadows, **request.drawing.said()}
 
 
-def _lets_through(described: dict[str, Any]) -> bool:
+def _lets_straight(described: dict[str, Any]) -> bool:
     """Whether light passes straight through a material."""
     plugins = [value for value in described.values() if isinstance(value, dict)]
-    return described.get("type") in STRAIGHT or any(_lets_through(plugin) for plugin in plugins)
+    return described.get("type") in STRAIGHT or any(_lets_straight(plugin) for plugin in plugins)
 
 
 def _decoded(value: Any, folder: Path) -> Any:

@@ -137,14 +137,14 @@ def test_materials_look_as_in_cycles(scene, tmp_path):
     camera(scene, (0, -9, 0.55), (math.pi / 2, 0, 0))
     background(scene)
     body(plane(30), material("ShaderNodeBsdfDiffuse", Color=GREY))
-    light(scene, "AREA", (2, -3, 5), (0.6, 0.3, 0), energy=300, size=2)
-    fine = 8  # many pixels of few samples: we draw the samples of a pixel in many steps
+    light(scene, "AREA", (2, -3, 5), (0.6, 0.3, 0), energy=300, size=5)
+    fine = 16  # many pixels of few samples: we draw the samples of a pixel in many steps
     width = scene.render.resolution_x = WIDTH * fine
     scene.render.resolution_y = 8 * fine  # what is above and below the balls is not looked at
     columns = np.linspace(-2.4, 2.4, len(MATERIALS))
     for x, (kind, values, _) in zip(columns, MATERIALS.values(), strict=True):
         body(sphere(0.5, location=(x, 0, 0.55)), material(kind, **values))
-    scene.cycles.samples = scene.dogsplat.samples = 3000 // fine**2  # so many, as the balls light each other
+    scene.cycles.samples = scene.dogsplat.samples = 5000 // fine**2  # so many, as the balls light each other
     cycles, mitsuba = both(scene, tmp_path)
     centres = (width * (0.5 + columns / 9 * scene.camera.data.lens / 36)).astype(int)
     for x, (name, (_, _, tolerance)) in zip(centres, MATERIALS.items(), strict=True):

@@ -190,3 +190,20 @@ def test_glass_without_thickness_is_said_to_change_the_brightness(scene, tmp_pat
     assert has_sheet(scene, tmp_path) == ([pane.name] if "Diffuse" not in kind else [])
     pane.modifiers.new("Solidify", "SOLIDIFY").thickness = 0.1
     assert has_sheet(scene, tmp_path) == []
+
+
+@pytest.mark.parametrize("color", [(1, 1, 1, 1), (0.9, 0.3, 0.1, 1)])
+@pytest.mark.parametrize("kind, values", [
+    ("POINT", {"energy": 400, "shadow_soft_size": 0}),
+    ("POINT", {"energy": 400, "shadow_soft_size": 0.01}),
+    ("SUN", {"energy": 3, "angle": 0}),
+    ("SUN", {"energy": 3, "angle": 0.01}),
+])  # fmt: skip
+def test_its_shade_is_of_what_it_keeps_of_a_lamp(scene, tmp_path, kind, values, color):
+    """Without noise: lamps that are small, or have no size, are hardly ever found by scattered rays."""
+    made, _, (clear, _) = mixed(0.3, CLEAR, WHITE)
+    clear.inputs["Color"].default_value = color
+    light(scene, kind, (0.5, 0, 4), (0, 0, 0), **values)
+    cycles, ours = both(scene, tmp_path, made)
+    assert cycles[..., 0].min() > 0.5
+    assert np.abs(ours - cycles).max() < 0.02 * cycles.max()

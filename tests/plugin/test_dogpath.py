@@ -14,6 +14,7 @@ from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
 from splat_scenes import (
     dog_dict,
+    fine,
     make_splats,
     random_splats,
     rounded,
@@ -46,12 +47,6 @@ def square(to_world: Any, **others: Any) -> dict[str, Any]:
 def facing_camera(z: float, **others: Any) -> dict[str, Any]:
     """A wall that fills the view."""
     return square(T4().translate([0, 0, z]).rotate([0, 1, 0], 180).scale(20), **others)
-
-
-def fine(camera: Camera, factor: int) -> Camera:
-    """More pixels of the same view: a pass through many pixels costs little more than one through few."""
-    f, cx, cy = factor * camera.fx, factor * camera.cx, factor * camera.cy
-    return Camera(camera.w2c, f, f, cx, cy, factor * camera.width, factor * camera.height)
 
 
 def coarse(image: np.ndarray, factor: int) -> np.ndarray:
