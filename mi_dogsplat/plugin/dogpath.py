@@ -164,7 +164,7 @@ class DogPathIntegrator(SplatIntegrator):
         def trace(params: dict, replay: Replay | None) -> Any:
             asked = params, options, drawn.linear
             tracer, lamps = self._tracer.of_replay(*asked, replay.forward) if replay else self._tracer.of(*asked)
-            paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.seed, straight)
+            paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.sample, straight)
             found = paths.radiance(seen.ray, probability, replay)
             if self.see_through and replay is None:
                 seen.clear = paths.clear

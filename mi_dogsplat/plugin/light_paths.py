@@ -28,13 +28,14 @@ import mitsuba as mi
 from mitsuba.python.ad.integrators.common import mis_weight
 
 from ..tracing.tracer import SplatTracer
+from .numbers import Numbers
 from .replayed import Replay
+from .samples import Sample
 from .splat_lamps import SplatLamps
 from .straight import transmittance
 from .transfer import emitted, mean_of, spectrum_of
 
 RR_MAX = 0.95  # the most that Russian roulette gives a path to go on, as in Mitsuba's own integrators
-STREAM = 0x9E3779B9  # between the seeds of two vertices
 
 
 @dataclass
@@ -80,15 +81,16 @@ class LightPaths:
         tracer: of the primitives of the scene; attached to the AD graph for a replay.
         lamps: those among the primitives, None where there are none.
         linear: colours of the primitives are linear, not sRGB.
+        of_pass: which pass it is: of the random numbers.
         straight: light passes surfaces of the scene straight.
     """
 
     def __init__(
-        self, scene: Any, tracer: SplatTracer, lamps: SplatLamps | None, limits: Limits, linear: bool, seed: int,
+        self, scene: Any, tracer: SplatTracer, lamps: SplatLamps | None, limits: Limits, linear: bool, of_pass: Sample,
         straight: bool,
     ):  # fmt: skip
         self.scene, self.tracer, self.lamps = scene, tracer, lamps
-        self.limits, self.linear, self.seed, self.straight = limits, linear, seed, straight
+        self.limits, self.linear, self.of_pass, self.straight = limits, linear, of_pass, straight
         self.clear: Any = mi.Float(0)  # of each ray, once traced: the share that no surface or splat keeps
 
     def radiance(self, ray: Any, probability: Any, replay: Replay | None = None) -> Any:
@@ -117,7 +119,7 @@ class LightPaths:
     def _start(self, ray: Any, probability: Any, replay: Replay | None) -> Lanes:
         n = dr.width(ray)
         sample = dr.arange(mi.UInt32, n)
-        draw = self._random(sample, -1).next_float32()
+        draw = Numbers(sample, -1, self.of_pass).next_1d()
         L = dr.zeros(mi.Spectrum, n) if replay is None else mi.Spectrum(replay.L)
         β = mi.Spectrum(dr.select(probability > 0, dr.rcp(probability), 0))
         all_ones = dr.full(mi.Float, 1, n)
@@ -133,7 +135,7 @@ class LightPaths:
         """
         scene, attached = self.scene, replay is not None
         β, L = lanes.β, lanes.L
-        random = self._random(lanes.sample, segment)
+        random = Numbers(lanes.sample, segment, self.of_pass)
         # a literal where it is the same for all, so that kernels leave out what it decides; else one kernel for all
         depth = (dr.opaque(mi.UInt32, segment) if self.straight else mi.UInt32(segment)) - lanes.passed
 
@@ -193,7 +195,7 @@ class LightPaths:
             active = si.is_valid() & (goes_on | mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null))
             with dr.resume_grad(when=attached):
                 share = bsdf.eval_null_transmission(si, active)
-        scattered, weight = bsdf.sample(context, si, random.next_float32(), _next_2d(random), active)
+        scattered, weight = bsdf.sample(context, si, random.next_1d(), random.next_2d(), active)
         if self.straight:
             passes = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Null) & dr.any(dr.detach(share) != 0)
             active &= goes_on | passes
@@ -213,7 +215,7 @@ class LightPaths:
         brightest = dr.max(β)
         active &= brightest != 0
         survival = dr.select((depth >= self.limits.rr_depth) & ~passes, dr.minimum(brightest * η * η, RR_MAX), 1)
-        active &= random.next_float32() < survival
+        active &= random.next_1d() < survival
         β *= dr.rcp(survival)
         delta = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Delta)
         straight = lanes.straight & passes if self.limits.see_through else mi.Bool(False)
@@ -230,7 +232,7 @@ class LightPaths:
     def _from_emitters(self, si: Any, bsdf: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
         """Light of emitters, as splats let it through, by sampling their directions; none on mirrors."""
         active = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        ds, weight = self.scene.sample_emitter_direction(si, _next_2d(random), not self.straight, active)
+        ds, weight = self.scene.sample_emitter_direction(si, random.next_2d(), not self.straight, active)
         active = active & (ds.pdf != 0)
         shadow = si.spawn_ray_to(ds.p)
         # Mitsuba puts these at the end of the surfaces, and splats may be farther
@@ -240,7 +242,7 @@ class LightPaths:
             if attached:
                 value = self.scene.eval_emitter_direction(si, ds, active)
                 weight = dr.replace_grad(weight, value * dr.select(active, dr.rcp(ds.pdf), 0))
-            left = mi.Spectrum(1)
+            left: Any = mi.Spectrum(1)
             if self.straight:
                 left = transmittance(self.scene, si, ds.p, active, attached)
                 active &= dr.any(dr.detach(left) != 0)
@@ -252,7 +254,7 @@ class LightPaths:
     def _from_lamps(self, si: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
         """Light of splats by sampling the directions of lamps among them."""
         assert self.lamps
-        d, pdf = self.lamps.sample(si.p, random.next_float32(), _next_2d(random))
+        d, pdf = self.lamps.sample(si.p, random.next_1d(), random.next_2d())
         active = active & (pdf > 0)
         ray = si.spawn_ray(d)
         meeting = self.scene.ray_intersect_preliminary(ray, active=active)
@@ -262,17 +264,6 @@ class LightPaths:
             colors, T = self.tracer.gather(ray, active)
             weight = dr.detach(mis_weight(pdf, pdf_bsdf)) * dr.select(active, dr.rcp(pdf), 0)
             return dr.select(active, β * weight * value * spectrum_of(emitted(list(colors), T, self.linear)), 0)
-
-    def _random(self, sample: Any, depth: int) -> Any:
-        """Numbers of their own for each sample at a vertex."""
-        seed: Any = dr.opaque(mi.UInt32, (self.seed + (depth + 1) * STREAM) % 2**32)
-        state, sequence = mi.sample_tea_32(sample, seed)
-        generator: Any = mi.PCG32
-        return generator(1, mi.UInt64(state), mi.UInt64(sequence))
-
-
-def _next_2d(random: Any) -> Any:
-    return mi.Point2f(random.next_float32(), random.next_float32())
 
 
 def _relative(value: Any) -> Any:

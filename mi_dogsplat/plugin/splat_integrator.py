@@ -38,9 +38,10 @@ class SplatIntegrator(ADIntegrator):
 
     What other shapes look like, how they show through splats, and what they do to them, is for its children to say:
     ``sees_surfaces``, ``over_surfaces`` and ``shown_params``. ``on_pass``, where it is set, is called after each of
-    several passes with the number of those that are done, and of all. ``masks``, where they are set, say what the
-    camera sees otherwise than light does, without derivatives; then the film has one more channel. ``warns``: whether
-    Mitsuba's logger is told of shapes that are not drawn.
+    several passes with the number of those that are done, and of all. ``first_pass``, where it is set, is the number of
+    the first one of renders that go on from others of the same seed: random numbers fall evenly over all. ``masks``,
+    where they are set, say what the camera sees otherwise than light does, without derivatives; then the film has one
+    more channel. ``warns``: whether Mitsuba's logger is told of shapes that are not drawn.
     """
 
     name: str  # of the plugin, in messages
@@ -56,6 +57,7 @@ class SplatIntegrator(ADIntegrator):
         self.hide_emitters = given(props, "hide_emitters", bool, False)
         self.negative_transmittance = given(props, "negative_transmittance", bool, True)
         self.on_pass: Any = None
+        self.first_pass: int | None = None
         self.masks: CameraMasks | None = None
         self.warns = True
         self._sensors, self._last = SensorReader(), LastFrame()
@@ -179,7 +181,7 @@ class SplatIntegrator(ADIntegrator):
             spp = sensor.sampler().sample_count() if averages else 1
         if spp > 1 and "index" in self.aovs:
             raise RuntimeError(f'{self.name}: the AOV "index" has no mean over {spp} samples per pixel; use spp=1')
-        return samples(spp, int(seed[0] if dr.is_array_v(seed) else seed))
+        return samples(spp, int(seed[0] if dr.is_array_v(seed) else seed), self.first_pass)
 
     def _pass(
         self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, sample: Sample, border: int = 0,

@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from ..engine.arrays import while_loop
 from ..engine.rasterize import Frame
+from .samples import Sample
 from .sensor import ViewPass
 from .transfer import three_channels
 
@@ -20,7 +21,7 @@ class Surfaces:
     """The surfaces that the samples of a pass meet, as [H*W] planes."""
 
     ray: Any  # mi.RayDifferential3f, through the samples
-    seed: int  # of random numbers that the pass needs
+    sample: Sample  # the pass
     hit: mi.Bool
     depth: mi.Float  # along the optical axis; infinite where nothing is hit
     normal: list  # 3 channels, shading normals in world space, turned to the camera; 0 where nothing is hit
@@ -72,7 +73,7 @@ def meet(
             n = meeting.compute_surface_interaction(ray, mi.RayFlags.All, hit).sh_frame.n
             facing = dr.select(hit, dr.select(dr.dot(n, ray.d) > 0, -n, n), 0)
         dr.eval(hit, depth, facing)
-        return Surfaces(ray, view_pass.sample.seed, hit, depth, list(facing), meeting, view_pass.sensor.get_medium())
+        return Surfaces(ray, view_pass.sample, hit, depth, list(facing), meeting, view_pass.sensor.get_medium())
 
 
 def radiance(nested: Any, scene: Any, seen: Surfaces, by_modes: bool) -> list[mi.Float]:
@@ -82,7 +83,7 @@ def radiance(nested: Any, scene: Any, seen: Surfaces, by_modes: bool) -> list[mi
     """
     with dr.suspend_grad():
         sampler: Any = mi.load_dict({"type": "independent"})
-        sampler.seed(seen.seed, dr.width(seen.ray))
+        sampler.seed(seen.sample.seed, dr.width(seen.ray))
         if by_modes:
             state = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(True)}
             spectrum = nested.sample(mode=dr.ADMode.Primal, scene=scene, sampler=sampler, ray=seen.ray, **state)[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import mitsuba as mi
@@ -11,6 +12,7 @@ import numpy as np
 from ..plugin.background import radiance
 from ..plugin.samples import samples
 from ..plugin.sensor import SensorReader
+from ..plugin.splat_integrator import SplatIntegrator
 from ..support.errors import interruptible
 from .request import Request
 from .scene_description import hides_background
@@ -24,16 +26,29 @@ def means(
     """(samples that are done, their mean [H, W, 4]: linear radiance premultiplied with alpha) after each step.
 
     steps: samples for each pixel between two means. part: of the picture, where the sensor sees no more of it. Random
-    numbers of each step are independent of those of other steps, parts and seeds.
+    numbers are independent of those of other parts and seeds, and of other steps or, of our integrators, as even over
+    all steps as over those of one render.
     """
     total, done = np.zeros(1), 0  # in double precision
     behind = _environment(scene, sensor) if hides_background(request) else None
+    integrator: Any = scene.integrator()
+    ours = isinstance(integrator, SplatIntegrator)
     for number, count in enumerate(steps):
-        seed: Any = int(np.random.SeedSequence((request.seed, part, number)).generate_state(1)[0])
-        with interruptible():
+        seed: Any = int(np.random.SeedSequence((request.seed, part, 0 if ours else number)).generate_state(1)[0])
+        with interruptible(), _going_on(integrator, done) if ours else nullcontext():
             total = total + count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=seed))
         done += count
         yield done, finished((total / done).astype(np.float32), request, behind)
+
+
+@contextmanager
+def _going_on(integrator: SplatIntegrator, done: int) -> Iterator[None]:
+    """Renders within have the passes that follow those that are done."""
+    integrator.first_pass = done
+    try:
+        yield
+    finally:
+        integrator.first_pass = None
 
 
 def finished(image: np.ndarray, request: Request, behind: np.ndarray | None = None) -> np.ndarray:

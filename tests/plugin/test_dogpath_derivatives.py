@@ -17,7 +17,7 @@ from mi_dogsplat.tracing.options import TraceOptions
 from splat_scenes import make_splats, rounded, scene_of
 
 CAMERA = Camera(np.eye(4), 9.0, 9.0, 3.0, 2.5, 6, 5)
-SEED: Any = 5
+SEED: Any = 1
 SPP = 2
 T4 = mi.ScalarTransform4f
 # two behind the camera, for the mirror; two in front of the wall, one of them in the view and before the other
@@ -27,8 +27,8 @@ ADJOINT = np.random.default_rng(0).normal(size=(5, 6, 3))
 SPLATS.slope_index, SPLATS.color_slopes = np.array([0, 1, 2, 3]), np.random.default_rng(2).normal(0, 0.05, (4, 3, 3))
 SPLATS.cut_index, SPLATS.cut_normals = np.array([0, 2, 3]), np.random.default_rng(3).normal(0, 3, (3, 3))
 SPLATS.second_cut_index = np.array([1, 2])
-# with these, and with these shifts, no ray sees a mean colour near where ``emitted`` clips it, where no difference is a
-# derivative
+# with these, these shifts and this seed no ray sees a mean colour near where ``emitted`` clips it, where no difference
+# is a derivative
 SPLATS.second_cut_normals = np.random.default_rng(7).normal(0, 3, (2, 3))
 SPLATS.curvature_index, SPLATS.brightness_curvatures = [0, 1, 3], np.random.default_rng(8).normal(0, 0.03, (3, 6))
 SPLATS.shift_index, SPLATS.view_shifts = [0, 3], np.random.default_rng(11).normal(0, 0.3, (2, 3, 3))
