@@ -64,8 +64,8 @@ class DogPathIntegrator(SplatIntegrator):
 
      * - max_depth
        - |int|
-       - Longest path, in segments; the one from the camera counts. 1 shows emitters and splats only, 2 surfaces that
-         are lit directly, -1 is without limit. (Default: 6)
+       - Longest path, in segments; the one from the camera counts, those behind surfaces that light passes straight do
+         not. 1 shows emitters and splats only, 2 surfaces that are lit directly, -1 is without limit. (Default: 6)
 
      * - rr_depth
        - |int|
@@ -92,9 +92,10 @@ class DogPathIntegrator(SplatIntegrator):
     Path tracing in a scene of ``dog`` shapes and others. What the camera sees of splats is the picture of ``dogsplat``,
     ended at the surfaces. From there on light paths are traced, with sampling of emitters and of BSDFs combined by
     multiple importance sampling, and every segment gathers the splats that it passes: they add their radiance, and
-    weaken what lies behind. So surfaces receive shadows and colour from splats, mirrors, rough and glossy materials
-    show them, glass bends them, and they hide the light of lamps and of the environment. A scene without other shapes
-    has the picture, the bits and the cost of ``dogsplat``.
+    weaken what lies behind. Shadow rays go on behind what lets light pass straight, in part or whole (masks, thin
+    glass), as those of ``volpath`` do. So surfaces receive shadows and colour from splats, mirrors, rough and glossy
+    materials show them, glass bends them, and they hide the light of lamps and of the environment. A scene without
+    other shapes has the picture, the bits and the cost of ``dogsplat``.
 
     **Splats emit.** A captured model brings the light that it was captured in. Lamps of the scene do not change its
     colours, and surfaces do not either, unless ``mesh_shadows`` are asked for. These multiply the radiance of a

@@ -6,8 +6,8 @@ the same emitters if no surface was there, and never more than 1.
 
 Notation
     n       normal of a primitive: its shortest axis, to either side
-    E       irradiance at its centre, on one side, in the scene without splats: light of emitters that no surface hides,
-            and what surfaces reflect
+    E       irradiance at its centre, on one side, in the scene without splats: light of emitters as surfaces let it
+            pass, and what they reflect
     E0      irradiance of the emitters alone
 
 Both are estimated with the same samples of emitters, so that r is 1, and not about 1, where nothing is in the way.
