@@ -12,7 +12,6 @@ import numpy as np
 from ..plugin.background import radiance
 from ..plugin.samples import samples
 from ..plugin.sensor import SensorReader
-from ..plugin.splat_integrator import SplatIntegrator
 from ..support.errors import interruptible
 from .request import Request
 from .scene_description import hides_background
@@ -32,7 +31,7 @@ def means(
     total, done = np.zeros(1), 0  # in double precision
     behind = _environment(scene, sensor) if hides_background(request) else None
     integrator: Any = scene.integrator()
-    ours = isinstance(integrator, SplatIntegrator)
+    ours = hasattr(integrator, "first_pass")  # its class is another one after each change of the variant
     for number, count in enumerate(steps):
         seed: Any = int(np.random.SeedSequence((request.seed, part, 0 if ours else number)).generate_state(1)[0])
         with interruptible(), _going_on(integrator, done) if ours else nullcontext():
@@ -42,7 +41,7 @@ def means(
 
 
 @contextmanager
-def _going_on(integrator: SplatIntegrator, done: int) -> Iterator[None]:
+def _going_on(integrator: Any, done: int) -> Iterator[None]:
     """Renders within have the passes that follow those that are done."""
     integrator.first_pass = done
     try:

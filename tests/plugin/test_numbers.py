@@ -60,7 +60,13 @@ def test_numbers_of_other_pixels_pairs_vertices_and_seeds_are_independent(count)
 
 @pytest.mark.parametrize("steps", [[16], [1, 2, 5, 8], [8, 8]])
 def test_half_of_the_passes_go_through_what_is_half_there(steps):
-    """A black mask of opacity 0.5 before the sky: each pixel has exactly half of its light, in steps as well."""
+    """A black mask of opacity 0.5 before the sky: each pixel has exactly half of its light, in steps as well.
+
+    Also after a change of the variant, which makes another class of the integrator.
+    """
+    before = str(mi.variant())
+    mi.set_variant("scalar_rgb")
+    mi.set_variant(before)
     camera = Camera(np.eye(4), 9.0, 9.0, 3.0, 2.5, 6, 5)
     square = mi.ScalarTransform4f().translate([0, 0, 2]).rotate([0, 1, 0], 180).scale(9)
     black = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}}
