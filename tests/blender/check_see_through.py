@@ -23,10 +23,10 @@ def bare(tree):
     return tree.nodes[0].inputs
 
 
-def both(scene, folder, of, sky=(0.3, 0.5, 0.2, 1)):
+def both(scene, folder, of, sky=(0.3, 0.5, 0.2, 1), samples=64):
     """(by Cycles, by Mitsuba): a square of a material before a grey one, [3, 3, 3] each where both are seen."""
     camera(scene, (0, 0, 8))
-    scene.cycles.samples = scene.dogsplat.samples = 64
+    scene.cycles.samples = scene.dogsplat.samples = samples
     background(scene, sky)
     body(plane(2), of)
     body(plane(20, location=(0, 0, -2)), material("ShaderNodeBsdfDiffuse", Color=GREY))
@@ -195,8 +195,6 @@ def test_glass_without_thickness_is_said_to_change_the_brightness(scene, tmp_pat
 @pytest.mark.parametrize("color", [(1, 1, 1, 1), (0.9, 0.3, 0.1, 1)])
 @pytest.mark.parametrize("kind, values", [
     ("POINT", {"energy": 800, "shadow_soft_size": 0}),
-    ("POINT", {"energy": 800, "shadow_soft_size": 0.01}),
-    ("SUN", {"energy": 3, "angle": 0}),
     ("SUN", {"energy": 3, "angle": 0.01}),
 ])  # fmt: skip
 def test_its_shade_is_of_what_it_keeps_of_a_lamp(scene, tmp_path, kind, values, color):
@@ -204,6 +202,6 @@ def test_its_shade_is_of_what_it_keeps_of_a_lamp(scene, tmp_path, kind, values, 
     made, _, (clear, _) = mixed(0.3, CLEAR, WHITE)
     clear.inputs["Color"].default_value = color
     light(scene, kind, (0.5, 0, 4), (0, 0, 0), **values)
-    cycles, ours = both(scene, tmp_path, made, sky=(0, 0, 0, 1))
+    cycles, ours = both(scene, tmp_path, made, sky=(0, 0, 0, 1), samples=192)
     assert cycles[..., 0].min() > 0.3
     assert np.abs(ours - cycles).max() < 0.02 * cycles.max()
