@@ -46,8 +46,8 @@ PASSED = {
 }  # fmt: skip
 
 
-def square(z: float, size: float, bsdf: Any, x=0.0) -> dict[str, Any]:
-    return {"type": "rectangle", "to_world": T4().translate([x, 0, z]).rotate([0, 1, 0], 180).scale(size), "bsdf": bsdf}
+def square(z: float, size: float, bsdf: Any) -> dict[str, Any]:
+    return {"type": "rectangle", "to_world": T4().translate([0, 0, z]).rotate([0, 1, 0], 180).scale(size), "bsdf": bsdf}
 
 
 def scene_of(others: dict[str, Any], splats: Any = NOTHING, camera=CAMERA, **integrator) -> Any:
