@@ -19,11 +19,12 @@ HALVES = ((16, 0x0000FFFF), (8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (
 
 
 class Numbers:
-    """Of the vertex at the end of a segment, -1 for what is drawn before the first.
+    """What a pass draws at a vertex, in [0, 1).
 
     Args:
         sample: [n] the pixel of each lane.
-        of_pass: which pass it is.
+        segment: at whose end the vertex is; -1 for what is drawn before the first.
+        of_pass: the pass. One that has no number in a sequence has independent random numbers.
     """
 
     def __init__(self, sample: Any, segment: int, of_pass: Sample):

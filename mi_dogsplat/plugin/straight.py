@@ -1,4 +1,7 @@
-"""Surfaces that light passes straight, in part or whole: masks, thin glass, blends with them. So do shadow rays."""
+"""Surfaces that light passes straight, in part or whole: masks, thin glass, blends with them.
+
+Shadow rays go on behind them, with the share of light that is let through.
+"""
 
 from __future__ import annotations
 
