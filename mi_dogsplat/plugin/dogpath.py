@@ -92,10 +92,10 @@ class DogPathIntegrator(SplatIntegrator):
     Path tracing in a scene of ``dog`` shapes and others. What the camera sees of splats is the picture of ``dogsplat``,
     ended at the surfaces. From there on light paths are traced, with sampling of emitters and of BSDFs combined by
     multiple importance sampling, and every segment gathers the splats that it passes: they add their radiance, and
-    weaken what lies behind. Shadow rays go on behind what lets light pass straight, in part or whole (masks, thin
-    glass), as those of ``volpath`` do. So surfaces receive shadows and colour from splats, mirrors, rough and glossy
-    materials show them, glass bends them, and they hide the light of lamps and of the environment. A scene without
-    other shapes has the picture, the bits and the cost of ``dogsplat``.
+    weaken what lies behind. So surfaces receive shadows and colour from splats, mirrors, rough and glossy materials
+    show them, glass bends them, and they hide the light of lamps and of the environment. Shadow rays go on behind what
+    lets light pass straight, in part or whole (masks, thin glass), as those of ``volpath`` do. A scene without other
+    shapes has the picture, the bits and the cost of ``dogsplat``.
 
     **Splats emit.** A captured model brings the light that it was captured in. Lamps of the scene do not change its
     colours, and surfaces do not either, unless ``mesh_shadows`` are asked for. These multiply the radiance of a
