@@ -66,9 +66,9 @@ class DogSplatIntegrator(SplatIntegrator):
 
     **Samples per pixel.** A sample is one pass of splatting. ``spp=1`` evaluates the pixel centres and uses no
     reconstruction filter: splats are low-pass filtered already. ``spp=n`` renders n passes, moved inside the pixels,
-    and over the lens of a ``thinlens``, so that they cover both evenly; the film's filter weighs them, and the
-    seed moves them. ``spp=0``, the default, is 1, but the sample count of the sensor's sampler where there is
-    something to average: a lens, or surfaces.
+    and over the lens of a ``thinlens``, so that they cover both evenly; the film's filter weighs them, or says where
+    they are if it is no wider than a pixel, and the seed moves them. ``spp=0``, the default, is 1, but the sample count
+    of the sensor's sampler where there is something to average: a lens, or surfaces.
 
     **Surfaces.** A primitive is seen if its centre is nearer than the surface at that pixel. Splats neither cast
     shadows on surfaces nor show in their reflections, what is seen through a transparent surface has no splats, and

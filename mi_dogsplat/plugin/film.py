@@ -1,4 +1,4 @@
-"""From planes of samples to the developed image: the film's reconstruction filter, channels and colour conversion.
+"""From planes of pixels to the developed image: channels and colour conversion.
 
 Planes are row-major: 3 colours as linear radiance, alpha where the film has it, then the AOVs.
 """
@@ -10,8 +10,6 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-
-from .samples import Sample
 
 
 def has_alpha(film: mi.Film) -> bool:
@@ -49,53 +47,12 @@ def _fill(film: Any, aov_names: list[str], planes: list[mi.Float]) -> None:
     film.prepare(aov_names)
     n_colors = 4 if has_alpha(film) else 3
     channels = [*planes[:n_colors], mi.Float(1), *planes[n_colors:]]  # samples of weight 1
-    film.put_block(_image_block(interleave(channels, height, width), film.crop_offset()))
+    film.put_block(image_block(interleave(channels, height, width), film.crop_offset()))
 
 
-def _image_block(*args: Any, **kwargs: Any) -> Any:
+def image_block(*args: Any, **kwargs: Any) -> Any:
     """``mi.ImageBlock``, whose stub asks for types of Dr.Jit where it takes Mitsuba's."""
     return mi.ImageBlock(*args, **kwargs)
-
-
-class Filter:
-    """Spreads the samples of passes over the pixels as the film's reconstruction filter says."""
-
-    def __init__(self, film: mi.Film):
-        self.film, self.filter = film, film.rfilter()
-        self.border = self.filter.border_size() if film.sample_border() else 0  # pixels to sample around the window
-
-    def spread(self, planes: list[mi.Float], sample: Sample) -> list[mi.Float]:
-        """Sums over samples, per pixel, of each plane times the filter; last the sum of the filter itself."""
-        width, height = self.film.crop_size()
-        left, top = self.film.crop_offset()
-        planes = [*planes, mi.Float(1)]
-        if self.filter.is_box_filter() and not self.border:
-            return [*planes[:-1], dr.full(mi.Float, 1, width * height)]
-        size = width + 2 * self.border, height + 2 * self.border
-        index = dr.arange(mi.UInt32, size[0] * size[1])
-        columns = dr.opaque(mi.UInt32, size[0])
-        y = index // columns
-        column, row = mi.Float(index - y * columns), mi.Float(y)
-        # a sample beside the border of a pixel could be rounded into the next one; a box needs its pixel only
-        inside = (0.5, 0.5) if self.filter.is_box_filter() else (sample.x, sample.y)
-        x, y = (
-            dr.opaque(mi.Float, first - self.border + within) for first, within in zip((left, top), inside, strict=True)
-        )
-        block = _image_block((width, height), (left, top), len(planes), self.filter, border=self.border > 0)
-        block.set_coalesce(False)  # neighbouring lanes are neighbouring pixels, not samples of one
-        block.put(mi.Point2f(column + x, row + y), planes)
-        pixel = dr.arange(mi.UInt32, width * height)
-        if self.border:  # of the block too: Mitsuba writes beyond one that a sample does not reach
-            line = pixel // dr.opaque(mi.UInt32, width)
-            pixel = dr.fma(line, 2 * self.border, pixel + dr.opaque(mi.UInt32, self.border * (size[0] + 1)))
-        values = block.tensor().array
-        return [dr.gather(mi.Float, values, dr.fma(pixel, len(planes), c)) for c in range(len(planes))]
-
-
-def normalized(sums: list[mi.Float]) -> list[mi.Float]:
-    """Weighted means from what ``Filter.spread`` returns, added up over the passes; 0 where there is no sample."""
-    inverse = dr.select(sums[-1] != 0, dr.rcp(sums[-1]), 0)
-    return [plane * inverse for plane in sums[:-1]]
 
 
 def interleave(channels: list[mi.Float], height: int, width: int) -> mi.TensorXf:

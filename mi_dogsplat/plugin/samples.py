@@ -20,7 +20,7 @@ STEPS = (0.7548776662466927, 0.5698402909980532, 3 ** (1 / 3) % 1, 9 ** (1 / 3) 
 
 @dataclass(frozen=True)
 class Sample:
-    """One pass. Places are in [0, 1)."""
+    """One pass. Places are in [0, 1), and around that where a filter is sampled (``filter.py``)."""
 
     x: float = 0.5  # inside of every pixel, from its left
     y: float = 0.5  # from its top

@@ -22,7 +22,8 @@ from . import background, surfaces
 from .agreement import agreed
 from .camera_masks import CHANNEL, CameraMasks
 from .drawn import Drawn, SplattedModel
-from .film import Filter, develop, has_alpha, normalized, side_by_side
+from .film import develop, has_alpha, side_by_side
+from .filter import Filter, normalized
 from .freezing import refuse_freezing
 from .given_model import is_dog_shape
 from .instances import warn_of_instances
@@ -132,19 +133,20 @@ class SplatIntegrator(ADIntegrator):
     def _backward_by_passes(self, scene, sensor, passes: list[Sample], grad_in) -> None:
         """One pass after the other, so that memory does not grow with their number: their mean is linear in them."""
         film = sensor.film()
-        spreader, pixels = Filter(film), dr.prod(film.crop_size())
+        pixel_filter, pixels = Filter(film), dr.prod(film.crop_size())
+        passes = pixel_filter.places(passes)
         n_planes = 3 + has_alpha(film) + len(self.aov_names())
         planes = [dr.zeros(mi.Float, pixels) for _ in range(n_planes)]
         dr.enable_grad(planes)
         backward([develop(film, self.aov_names(), planes, derivative=True)], [grad_in])
-        weights = sum(spreader.spread([], sample)[0] for sample in passes)
+        weights = sum(pixel_filter.spread([], sample)[0] for sample in passes)
         adjoints = [dr.select(weights != 0, dr.grad(plane) / weights, 0) for plane in planes]
         dr.eval(adjoints)
         model = self._model(scene)
         for sample in passes:
             with dr.isolate_grad():  # what all passes share is derived once, at the end
-                values = self._pass(scene, model, sensor, sample, spreader.border, derivative=True)
-                sums = spreader.spread(values, sample)
+                values = self._pass(scene, model, sensor, sample, pixel_filter.border, derivative=True)
+                sums = pixel_filter.spread(values, sample)
                 backward(sums[:-1], adjoints)
 
     def developed(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, derivative=False) -> Any:
@@ -156,10 +158,10 @@ class SplatIntegrator(ADIntegrator):
         if len(passes) == 1:
             planes = self._pass(scene, model, sensor, passes[0], derivative=derivative)
         else:
-            spreader, sums = Filter(film), []
-            for done, sample in enumerate(passes, 1):
-                values = self._pass(scene, model, sensor, sample, spreader.border, derivative)
-                new = spreader.spread(values, sample)
+            pixel_filter, sums = Filter(film), []
+            for done, sample in enumerate(pixel_filter.places(passes), 1):
+                values = self._pass(scene, model, sensor, sample, pixel_filter.border, derivative)
+                new = pixel_filter.spread(values, sample)
                 sums = [a + b for a, b in zip(sums, new, strict=True)] if sums else new
                 dr.eval(sums)
                 if self.on_pass:
