@@ -122,7 +122,7 @@ def make_order(
     if not stage.whole:
         request |= camera_request(camera)
     else:
-        request["samples"] = scene.dogsplat.samples
+        request |= {"samples": scene.dogsplat.samples, "denoise": scene.dogsplat.denoise}
         request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
     return Order(request, stage.objects, stage.whole, stage.light, stage.files, stage.notes, camera)
 

@@ -57,6 +57,7 @@ class DOGSPLAT_PT_render(OfEngine, bpy.types.Panel):
         layout.prop(settings, "send")
         if settings.send == "SCENE":
             layout.prop(settings, "samples")
+            layout.prop(settings, "denoise")
             layout.prop(settings, "bounces")
             layout.prop(settings, "mesh_shadows")
         layout.prop(context.scene, "dogsplat_colors", text="Colors of Splats Only")

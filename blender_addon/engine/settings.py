@@ -23,6 +23,10 @@ class DogSplatRenderSettings(bpy.types.PropertyGroup):
         name="Samples", default=64, min=1, soft_max=4096, description="Paths per pixel of a whole scene"
     )
     bounces: IntProperty(name="Bounces", default=8, min=0, soft_max=64, description="Of light, in a whole scene")
+    denoise: BoolProperty(
+        name="Denoise", default=False,
+        description="Smooth the noise of a whole scene when its samples are done; splats before the camera stay sharp",
+    )  # fmt: skip
     mesh_shadows: BoolProperty(
         name="Shadows on Splats", default=False,
         description="Meshes darken the splats that they hide from the lights of the scene: an approximation",

@@ -235,6 +235,10 @@ REST = {
         "Das exakte Bild der Splats über der Farbe der Welt"
     ),
     "Paths per pixel of a whole scene": "Pfade je Pixel einer ganzen Szene",
+    "Denoise": "Entrauschen",
+    "Smooth the noise of a whole scene when its samples are done; splats before the camera stay sharp": (
+        "Glättet das Rauschen einer ganzen Szene, wenn ihre Samples fertig sind; Splats vor der Kamera bleiben scharf"
+    ),
     "Bounces": "Reflexionen",
     "Of light, in a whole scene": "Des Lichts, in einer ganzen Szene",
     "Shadows on Splats": "Schatten auf Splats",

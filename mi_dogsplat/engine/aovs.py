@@ -44,12 +44,16 @@ CHANNELS = {
 AOVS = tuple(CHANNELS)
 
 
-def read_names(text: str) -> list[str]:
-    """Names from a comma-separated list. Raises ``ValueError`` for one that is unknown, or is there twice."""
+def read_names(text: str, further: Sequence[str] = ()) -> list[str]:
+    """Names from a comma-separated list, of ``AOVS`` and ``further`` ones.
+
+    Raises ``ValueError`` for one that is unknown, or is there twice.
+    """
+    known = (*AOVS, *further)
     names = [name.strip() for name in text.split(",") if name.strip()]
     for k, name in enumerate(names):
-        if name not in AOVS:
-            raise ValueError(f'unknown AOV "{name}"; available are {", ".join(AOVS)}')
+        if name not in known:
+            raise ValueError(f'unknown AOV "{name}"; available are {", ".join(known)}')
         if name in names[:k]:
             raise ValueError(f'the AOV "{name}" is there twice; name it once')
     return names

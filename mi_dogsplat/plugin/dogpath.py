@@ -12,6 +12,7 @@ from ..engine.drjit_internals import held
 from ..engine.rasterize import Frame
 from ..tracing.options import TraceOptions
 from ..tracing.tracer import SplatTracer
+from . import denoising
 from .drawn import Drawn, SplattedModel
 from .light_paths import LightPaths, Limits
 from .properties import given
@@ -22,7 +23,7 @@ from .splat_integrator import SplatIntegrator, dog_shapes
 from .splat_lamps import SplatLamps, lamps_of
 from .straight import LatestStraight
 from .surfaces import Surfaces
-from .transfer import emitted
+from .transfer import emitted, three_channels
 
 LONGEST = 2**31 - 1  # segments, the most that Mitsuba's own integrators take
 SURE = 0.1  # share of a pixel from which on its path is traced for sure; what less is seen of is traced less often
@@ -125,6 +126,7 @@ class DogPathIntegrator(SplatIntegrator):
     """
 
     name = "dogpath"
+    further_aovs = (denoising.AOV,)
 
     def __init__(self, props: Any):
         super().__init__(props)
@@ -165,10 +167,13 @@ class DogPathIntegrator(SplatIntegrator):
         def trace(params: dict, replay: Replay | None) -> Any:
             asked = params, options, drawn.linear
             tracer, lamps = self._tracer.of_replay(*asked, replay.forward) if replay else self._tracer.of(*asked)
-            paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.sample, straight)
+            guides = denoising.Guides(dr.width(seen.ray)) if self.denoising and replay is None else None
+            paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.sample, straight, guides)
             found = paths.radiance(seen.ray, probability, replay)
             if self.see_through and replay is None:
                 seen.clear = paths.clear
+            if guides:
+                seen.for_denoiser = denoising.planes(T, three_channels(found), guides)
             return found
 
         behind = radiance(trace, drawn.params, drawn.derivative)

@@ -4,7 +4,8 @@ A narrow filter is sampled: passes look at places that fall as it says, around t
 the same (Ernst, Stamminger and Greiner 2006, "Filter Importance Sampling"). So random numbers that fall evenly over the
 passes do so with any such filter, pixels share no noise, and no sample is wasted where the filter is nearly 0. A wide
 one spreads each sample over the pixels around it, as Mitsuba does: they have more samples together than one pixel has
-alone. So does one with negative lobes, which cannot be sampled.
+alone. So does one with negative lobes, which cannot be sampled. For a denoiser wide ones are sampled, too: it takes the
+noise of each pixel for its own.
 """
 
 from __future__ import annotations
@@ -24,15 +25,18 @@ EVEN = 1e-3  # relative: rounding in the width of a box of one pixel
 
 
 class Filter:
-    """That of a film; ``border``: pixels to sample around its window."""
+    """That of a film.
 
-    def __init__(self, film: mi.Film):
+    border: pixels to sample around its window. apart: pixels are to share no noise, where that is possible.
+    """
+
+    def __init__(self, film: mi.Film, apart: bool = False):
         self.film, self.filter = film, film.rfilter()
         extent = self.filter.radius()
         self._edges = np.linspace(-extent, extent, CELLS + 1)
         middles: Any = mi.Float((self._edges[1:] + self._edges[:-1]) / 2)
         self._values = np.array(self.filter.eval(middles), np.float64)
-        self.sampled = self._values.min() >= 0 and self._width() <= 1 + EVEN
+        self.sampled = self._values.min() >= 0 and (apart or self._width() <= 1 + EVEN)
         self.border = self.filter.border_size() if film.sample_border() and not self.sampled else 0
 
     def _width(self) -> float:

@@ -28,6 +28,7 @@ import mitsuba as mi
 from mitsuba.python.ad.integrators.common import mis_weight
 
 from ..tracing.tracer import SplatTracer
+from .denoising import Guides
 from .numbers import Numbers
 from .replayed import Replay
 from .samples import Sample
@@ -65,6 +66,7 @@ class Lanes:
     passed: Any  # number of surfaces that were passed straight since the camera
     beyond: Any  # whether there are some since ``source``
     straight: Any  # whether nothing lies before it that counts as seen by the camera
+    sharp: Any  # whether nothing but mirrors and clear glass does; for guides only
 
     def select(self, index: Any) -> Lanes:
         """Some of them."""
@@ -83,14 +85,16 @@ class LightPaths:
         linear: colours of the primitives are linear, not sRGB.
         of_pass: which pass it is: of the random numbers.
         straight: light passes surfaces of the scene straight.
+        guides: added to, of what is not a replay; None where no denoiser asks for them.
     """
 
     def __init__(
         self, scene: Any, tracer: SplatTracer, lamps: SplatLamps | None, limits: Limits, linear: bool, of_pass: Sample,
-        straight: bool,
+        straight: bool, guides: Guides | None = None,
     ):  # fmt: skip
         self.scene, self.tracer, self.lamps = scene, tracer, lamps
         self.limits, self.linear, self.of_pass, self.straight = limits, linear, of_pass, straight
+        self.guides = guides
         self.clear: Any = mi.Float(0)  # of each ray, once traced: the share that no surface or splat keeps
 
     def radiance(self, ray: Any, probability: Any, replay: Replay | None = None) -> Any:
@@ -125,7 +129,8 @@ class LightPaths:
         all_ones = dr.full(mi.Float, 1, n)
         o = mi.Point3f(ray.o)
         lanes = Lanes(sample, o, mi.Vector3f(ray.d), β, all_ones, L, mi.Float(all_ones), dr.full(mi.Bool, True, n),
-                      o, dr.zeros(mi.Normal3f, n), mi.UInt32(0), mi.Bool(False), mi.Bool(True))
+                      o, dr.zeros(mi.Normal3f, n), mi.UInt32(0), mi.Bool(False), mi.Bool(True),
+                      mi.Bool(self.guides is not None))
         return lanes.select(dr.compress(draw < probability))
 
     def _segment(self, lanes: Lanes, segment: int, found: Any, replay: Replay | None, first_maxt: Any) -> Lanes:
@@ -176,6 +181,9 @@ class LightPaths:
         if self.limits.see_through:
             dr.scatter_add(self.clear, mean_of(β), lanes.sample, lanes.straight & ~si.is_valid())
 
+        if self.guides:
+            self.guides.add_light(Ls + Le, lanes.sample, lanes.sharp)
+
         # --- Sampling of emitters, and of lamps among the splats ---
 
         context, bsdf = mi.BSDFContext(), si.bsdf()
@@ -199,6 +207,11 @@ class LightPaths:
         if self.straight:
             passes = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Null) & dr.any(dr.detach(share) != 0)
             active &= goes_on | passes
+        sharp = mi.Bool(False)
+        if self.guides:
+            smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) & ~passes
+            self.guides.add_surface(si, bsdf, β, lanes.sample, lanes.sharp & si.is_valid() & smooth)
+            sharp = lanes.sharp & ~smooth
         away = si.spawn_ray(si.to_world(scattered.wo))
         if replay is None:
             dr.scatter_add(found, Ls + Le + Lr_direct, lanes.sample)
@@ -224,8 +237,8 @@ class LightPaths:
             delta, source, n = dr.select(passes, (lanes.delta, lanes.source, lanes.n), (delta, source, n))
             pdf = dr.select(passes, lanes.pdf * mean_of(dr.detach(share)), pdf)
             passed = passed + dr.select(passes, mi.UInt32(1), 0)
-        dr.schedule(found, self.clear)
-        lanes = Lanes(lanes.sample, away.o, away.d, β, η, L, pdf, delta, source, n, passed, passes, straight)
+        dr.schedule(found, self.clear, self.guides.arrays() if self.guides else [])
+        lanes = Lanes(lanes.sample, away.o, away.d, β, η, L, pdf, delta, source, n, passed, passes, straight, sharp)
         dr.eval(found, lanes.values(), active)
         return lanes.select(dr.compress(active))
 

@@ -18,7 +18,7 @@ from ..engine.rasterize import Frame, LastFrame, rasterize
 from ..scene.drawing import Drawing, DrawnAs
 from ..scene.sh_basis import sh_degree_of
 from ..shape_dog import DogShape
-from . import background, surfaces
+from . import background, denoising, surfaces
 from .agreement import agreed
 from .camera_masks import CHANNEL, CameraMasks
 from .drawn import Drawn, SplattedModel
@@ -46,6 +46,7 @@ class SplatIntegrator(ADIntegrator):
     """
 
     name: str  # of the plugin, in messages
+    further_aovs: tuple[str, ...] = ()  # of this integrator alone
 
     def __init__(self, props: Any):
         super().__init__(props)
@@ -64,9 +65,10 @@ class SplatIntegrator(ADIntegrator):
         self._sensors, self._last = SensorReader(), LastFrame()
         self._looked_for_instances = False
         try:
-            self.aovs = aovs.read_names(given(props, "aovs", str, ""))
+            named = aovs.read_names(given(props, "aovs", str, ""), self.further_aovs)
         except ValueError as error:
             raise RuntimeError(f"{self.name}: {error}") from None
+        self.aovs, self.denoising = [name for name in named if name in aovs.AOVS], denoising.AOV in named
 
     # --- what children say ---
 
@@ -89,7 +91,8 @@ class SplatIntegrator(ADIntegrator):
     # --- what Mitsuba calls ---
 
     def aov_names(self) -> list[str]:
-        return aovs.channel_names(self.aovs) + ([CHANNEL] if self.masks else [])
+        extra = [*([CHANNEL] if self.masks else []), *(denoising.CHANNELS if self.denoising else ())]
+        return aovs.channel_names(self.aovs) + extra
 
     def sample(self, *args, **kwargs):
         """What an integrator that this one is nested in calls, for rays that are no longer those of an image."""
@@ -133,7 +136,7 @@ class SplatIntegrator(ADIntegrator):
     def _backward_by_passes(self, scene, sensor, passes: list[Sample], grad_in) -> None:
         """One pass after the other, so that memory does not grow with their number: their mean is linear in them."""
         film = sensor.film()
-        pixel_filter, pixels = Filter(film), dr.prod(film.crop_size())
+        pixel_filter, pixels = Filter(film, self.denoising), dr.prod(film.crop_size())
         passes = pixel_filter.places(passes)
         n_planes = 3 + has_alpha(film) + len(self.aov_names())
         planes = [dr.zeros(mi.Float, pixels) for _ in range(n_planes)]
@@ -158,7 +161,7 @@ class SplatIntegrator(ADIntegrator):
         if len(passes) == 1:
             planes = self._pass(scene, model, sensor, passes[0], derivative=derivative)
         else:
-            pixel_filter, sums = Filter(film), []
+            pixel_filter, sums = Filter(film, self.denoising), []
             for done, sample in enumerate(pixel_filter.places(passes), 1):
                 values = self._pass(scene, model, sensor, sample, pixel_filter.border, derivative)
                 new = pixel_filter.spread(values, sample)
@@ -241,6 +244,9 @@ class SplatIntegrator(ADIntegrator):
         extra = dict(zip(aovs.channel_names(self.aovs), aovs.channels(self.aovs, frame, derivative), strict=True))
         if drawn.hole is not None:
             extra[CHANNEL] = drawn.hole
+        if self.denoising:
+            found = seen.for_denoiser if seen and seen.for_denoiser else denoising.nothing(dr.width(frame.T))
+            extra |= dict(zip(denoising.CHANNELS, found, strict=True))
         if seen and "median_depth.Z" in extra:
             extra["median_depth.Z"] = seen.median_depth(extra["median_depth.Z"])
         return [*colors, *alpha, *extra.values()]

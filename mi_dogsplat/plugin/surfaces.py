@@ -28,6 +28,7 @@ class Surfaces:
     meeting: Any  # mi.PreliminaryIntersection3f
     medium: Any  # mi.Medium, around the sensor; None without
     clear: Any = None  # share of what reaches them that passes straight on to where nothing is; None: of all 0
+    for_denoiser: list | None = None  # planes of ``denoising.py``, where they are asked for
 
     def behind(self, frame: Frame) -> Frame:
         """``frame``, whose splats end at the surfaces, with the surfaces behind them in all but the colours."""

@@ -49,6 +49,7 @@ KINDS = {
     "transparent": SWITCH,
     "hide_lamps": SWITCH,
     "mesh_shadows": SWITCH,
+    "denoise": SWITCH,
     "orthographic": SWITCH,
     "share": Kind("a number above 0, at most 1", lambda value: _is_number(value) and 0 < value <= 1),
     "background": Kind("a list of three numbers", _list_of(_is_number, 3)),

@@ -12,6 +12,7 @@ import numpy as np
 from ..plugin.background import radiance
 from ..plugin.samples import samples
 from ..plugin.sensor import SensorReader
+from ..render.denoise import denoised, undenoised
 from ..support.errors import interruptible
 from .request import Request
 from .scene_description import hides_background
@@ -26,7 +27,7 @@ def means(
 
     steps: samples for each pixel between two means. part: of the picture, where the sensor sees no more of it. Random
     numbers are independent of those of other parts and seeds, and of other steps or, of our integrators, as even over
-    all steps as over those of one render.
+    all steps as over those of one render. The last mean is denoised where the request asks for it.
     """
     total, done = np.zeros(1), 0  # in double precision
     behind = _environment(scene, sensor) if hides_background(request) else None
@@ -37,7 +38,11 @@ def means(
         with interruptible(), _going_on(integrator, done) if ours else nullcontext():
             total = total + count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=seed))
         done += count
-        yield done, finished((total / done).astype(np.float32), request, behind)
+        mean = (total / done).astype(np.float32)
+        if request.denoise:
+            clean = denoised if done == sum(steps) else undenoised
+            mean = clean(mean, integrator.aov_names())
+        yield done, finished(mean, request, behind)
 
 
 @contextmanager

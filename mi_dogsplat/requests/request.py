@@ -39,7 +39,7 @@ class Request:
     reflect them; neither does that of a transparent scene. max_depth: of light paths, as in
     Mitsuba's ``path``. mesh_shadows: surfaces of a scene cast shadows onto the splats, see ``dogpath``. holdout,
     indirect_only: numbers of objects that cut a hole into the picture, and that the camera looks through; both are
-    there for light.
+    there for light. denoise: a scene, when all samples are there.
     """
 
     model: Path | None = None
@@ -56,6 +56,7 @@ class Request:
     transparent: bool = False
     hide_lamps: bool = False
     mesh_shadows: bool = False
+    denoise: bool = False
     holdout: tuple[int, ...] = ()
     indirect_only: tuple[int, ...] = ()
 

@@ -13,6 +13,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..plugin.denoising import AOV
+from ..render.denoise import require_denoiser
 from ..scene.drawing import Drawing, DrawnAs, drawn_as
 from ..scene.splats import DENSE, Splats
 from ..support.errors import DataError
@@ -37,6 +39,8 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
     if not mi.is_rgb:  # films of one channel have no alpha, and radiance of several wavelengths is no colour
         problem = f"is drawn in colour with alpha, which the variant {mi.variant()} has not"
         raise DataError(request.scene, problem, "use llvm_ad_rgb or cuda_ad_rgb")
+    if request.denoise:
+        require_denoiser('"denoise"')
     content = read_json(request.scene, FORMAT)
     if not isinstance(content, dict):
         raise DataError(request.scene, "is not a JSON object", FORMAT)
@@ -44,9 +48,10 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         described = _decoded(content, request.scene.resolve().parent)
         masked = is_masked(request) or (hides_lamps(request) and objects_shine(described))
         straight = _lets_straight(described)
-        if splats is None and (masked or straight):
+        ours_alone = masked or straight or request.denoise  # what Mitsuba's own integrators cannot do
+        if splats is None and ours_alone:
             splats = no_splats()
-        described |= {"type": "scene", "integrator": _integrator(request, number_of(splats) or masked or straight)}
+        described |= {"type": "scene", "integrator": _integrator(request, number_of(splats) > 0 or ours_alone)}
         if splats is not None:
             described["splats"] = splats
         if sensor is not None:
@@ -101,15 +106,16 @@ def hides_background(request: Request) -> bool:
     return request.hide_lamps and not request.transparent
 
 
-def _integrator(request: Request, ours: int) -> dict[str, Any]:
-    """Path tracing; ``ours``: through splats, or as cameras see otherwise than light does, which only ours can.
+def _integrator(request: Request, ours: bool) -> dict[str, Any]:
+    """Path tracing; ``ours``: through splats, as cameras see otherwise than light does, or with what a denoiser needs.
 
     And where light passes surfaces straight: shadow rays of Mitsuba's ``path`` and ``prb`` end there.
     """
     common = {"max_depth": request.max_depth, "hide_emitters": hides_lamps(request)}
     if not ours:
         return {"type": "path" if request.transparent else "prb", **common}
-    return {"type": "dogpath", **common, "mesh_shadows": request.mesh_shadows, **request.drawing.said()}
+    asked = {"aovs": AOV} if request.denoise else {}
+    return {"type": "dogpath", **common, **asked, "mesh_shadows": request.mesh_shadows, **request.drawing.said()}
 
 
 def _lets_straight(described: dict[str, Any]) -> bool:

@@ -60,7 +60,7 @@ def test_the_panel_says_what_hides_colors_and_lobes(scene, model):
 def test_the_render_properties_have_the_settings_of_the_engine_alone(scene):
     layout = Layout()
     DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)
-    assert layout.drawn == ["send", "samples", "bounces", "mesh_shadows", "Colors of Splats Only"]
+    assert layout.drawn == ["send", "samples", "denoise", "bounces", "mesh_shadows", "Colors of Splats Only"]
     scene.dogsplat.send = "SPLATS"
     layout.drawn.clear()
     DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)

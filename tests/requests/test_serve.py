@@ -17,6 +17,7 @@ from mi_dogsplat import Drawing, Model, write_model
 from mi_dogsplat.cli.main import main
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.render import denoise
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.requests.answer import Answerer
 from mi_dogsplat.requests.fields import KINDS
@@ -151,6 +152,28 @@ def test_the_camera_does_not_see_lamps_that_are_hidden(folder):
     middle = np.s_[HEIGHT // 2, WIDTH // 2]
     assert answered(request)["color"][middle].max() == pytest.approx(5.0, rel=1e-3)
     assert answered({**request, "hide_lamps": True})["color"][middle].max() < 1e-3
+
+
+def test_a_scene_is_denoised_where_that_is_asked_for(folder):
+    """When all samples are there; holdouts and alpha stay."""
+    described = json.loads((folder / "scene.json").read_text())
+    described["object_2_wall"]["bsdf"] = {"type": "diffuse"}
+    (folder / "bright.json").write_text(json.dumps(described))
+    request = {"scene": str(folder / "bright.json"), "samples": 16, "transparent": True, "seed": 1}
+    for model in ({}, {"model": str(folder / "model.ply"), "counts": [10, 30], "holdout": [1]}):
+        truth = answered(request | model | {"samples": 1000})
+        *_, before, (_, clean) = Answerer().answer(read_request(request | model | {"denoise": True}))
+        plain = answered(request | model)
+        assert clean is not None and before[1] is not None and clean["color"].shape == plain["color"].shape
+        np.testing.assert_array_equal(clean["alpha"], plain["alpha"])
+        errors = [float(np.abs(image["color"] - truth["color"]).mean()) for image in (plain, clean)]
+        assert errors[1] < 0.6 * errors[0], errors
+
+
+def test_a_denoiser_that_is_not_there_is_one_line_before_anything_is_drawn(folder, monkeypatch):
+    monkeypatch.setattr(denoise, "find_spec", lambda name: None)
+    (said,) = told([{"out": "a.npz", "scene": str(folder / "scene.json"), "samples": 10**6, "denoise": True}])
+    assert said["error"].startswith('"denoise": needs the package mitsuba-oidn; pip install')
 
 
 def test_splats_in_a_scene_are_in_front_of_its_surfaces(folder):

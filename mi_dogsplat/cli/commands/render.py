@@ -28,6 +28,7 @@ Examples:
                                                                       channels depth.Z, normal.X, ... index.I
   dogsplat render scene.xml -o view.exr                               first sensor of a Mitsuba scene
   dogsplat render scene.xml -o view.exr --spp 256                     with more samples per pixel
+  dogsplat render scene.xml -o view.png --spp 16 --denoise            with few, and without their noise
 
 A camera file holds {"w2c": 4x4 world to camera (x right, y down, z forward), "fx": pixels, "fy", "cx",
 "cy", "width", "height"}; fy, cx and cy may be left out. A .png shows colours over the background; an .exr
@@ -51,6 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--spp", type=int, default=0, metavar="N", help="samples per pixel of a scene (default: 0, as the scene says)"
     )
+    parser.add_argument(
+        "--denoise", action="store_true", help="smooth the noise of a scene's light paths (Open Image Denoise)"
+    )
     add_picture_flags(parser)
 
 
@@ -70,10 +74,12 @@ def run(args: argparse.Namespace) -> None:
         # what Mitsuba renders in one piece lets no handler of Python begin: signals end it at once, without a line
         drawing = signals_to(signal.SIG_DFL, *stop_signals())
         with _bar() as bar:
-            render_scene(args.model, args.out, args.spp, bar.show if bar else None, drawing)
+            render_scene(args.model, args.out, args.spp, bar.show if bar else None, drawing, args.denoise)
     else:
         if args.spp:
             raise DataError("--spp", "a model alone is drawn with one sample", "make a scene .xml for more")
+        if args.denoise:
+            raise DataError("--denoise", "a model alone has no noise", "leave it out")
         render_model(args.model, args.out, args.data, args.camera, args.aovs, options, args.appearance)
     print(args.out)
 
