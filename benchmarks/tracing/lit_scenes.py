@@ -52,6 +52,18 @@ def with_lamp(path: Path, lamp: ElementTree.Element) -> Any:
     return _parsed(root)
 
 
+def with_pattern(path: Path, shape: str) -> Any:
+    """A scene of which one shape has the picture of a table top, several times over, as its colour."""
+    root = _absolute(path)
+    for material in root.findall(f"shape[@id='{shape}']/bsdf"):
+        material.remove(next(iter(material.findall("rgb"))))
+        texture = ElementTree.SubElement(material, "texture", type="bitmap", name="diffuse_reflectance")
+        ElementTree.SubElement(texture, "string", name="filename", value=str(SCENES / "demo_textures" / "table.png"))
+        repeated = ElementTree.SubElement(texture, "transform", name="to_uv")
+        ElementTree.SubElement(repeated, "scale", value="6")
+    return _parsed(root)
+
+
 def meshes_alone() -> Any:
     """The meshes of demo_truth.xml and nothing else."""
     root = ElementTree.Element("scene", version="3.0.0")
