@@ -88,7 +88,8 @@ class DogPathIntegrator(SplatIntegrator):
 
      * - srgb_primitives, antialiased, near_clip, negative_transmittance, aovs
        - as of ``dogsplat``
-       - (Defaults: those of ``dogsplat``)
+       - (Defaults: those of ``dogsplat``); one more of the AOVs is ``denoising``: the part of the colours that has
+         noise, and albedo and normal for a denoiser (``denoising.py``)
 
     Path tracing in a scene of ``dog`` shapes and others. What the camera sees of splats is the picture of ``dogsplat``,
     ended at the surfaces. From there on light paths are traced, with sampling of emitters and of BSDFs combined by

@@ -42,7 +42,8 @@ class SplatIntegrator(ADIntegrator):
     several passes with the number of those that are done, and of all. ``first_pass``, where it is set, is the number of
     the first one of renders that go on from others of the same seed: random numbers fall evenly over all. ``masks``,
     where they are set, say what the camera sees otherwise than light does, without derivatives; then the film has one
-    more channel. ``warns``: whether Mitsuba's logger is told of shapes that are not drawn.
+    more channel. ``denoising``: whether films have the channels of ``denoising.py`` as well. ``warns``: whether
+    Mitsuba's logger is told of shapes that are not drawn.
     """
 
     name: str  # of the plugin, in messages

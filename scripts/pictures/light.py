@@ -1,11 +1,11 @@
 """The pictures of docs/dogpath.md, and the environment map that its first scene is lit by.
 
-    python -m scripts.pictures.light [studio] [truth] [interior] [shade]
+    python -m scripts.pictures.light [studio] [truth] [interior] [shade] [smooth]
 
 ``studio`` writes scenes/studio.hdr, the light of scenes/demo_truth.xml as seen from its middle. ``truth`` renders
 scenes/still_life_in_the_light.xml with the model, and with the meshes that it was trained from. ``interior`` renders
 scenes/still_life_indoors.xml at three exposures, ``shade`` scenes/still_life_in_the_shade.xml without and with shadows
-on the model, and with the meshes.
+on the model, and with the meshes, ``smooth`` the first scene with few samples, denoised, and with many.
 """
 
 import sys
@@ -14,6 +14,7 @@ from typing import Any
 import mi_dogsplat  # noqa: F401  before Mitsuba: it chooses the LLVM
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.render.denoise import denoised
 from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.support.srgb import linear_to_srgb
 
@@ -77,7 +78,19 @@ def shade() -> None:
     write_rows("dogpath_shade.png", [[labelled(shown(image), text) for image, text in panels]])
 
 
-PARTS = {"studio": studio, "truth": truth, "interior": interior, "shade": shade}
+def smooth() -> None:
+    """Write docs/pictures/dogpath_denoised.png."""
+    scene, size, few = loaded(LIGHT), (WIDTH, HEIGHT), 8
+    panels = [(picture(scene, few, size), f"{few} samples per pixel")]
+    scene.integrator().denoising = True
+    render: Any = mi.render
+    clean = denoised(np.array(render(scene, spp=few)), scene.integrator().aov_names())
+    scene.integrator().denoising = False
+    panels += [(clean, "the same, denoised"), (picture(scene, 1024, size), "1,024 samples")]
+    write_rows("dogpath_denoised.png", [[labelled(shown(image), text) for image, text in panels]])
+
+
+PARTS = {"studio": studio, "truth": truth, "interior": interior, "shade": shade, "smooth": smooth}
 
 
 if __name__ == "__main__":
