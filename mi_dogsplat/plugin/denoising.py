@@ -46,7 +46,7 @@ class Guides:
 
 
 def planes(T: Any, behind: list, guides: Guides) -> list[mi.Float]:
-    """As ``CHANNELS`` has them: of ``behind``, what paths bring, as it is seen through the transmittance T. Constants."""
+    """Constants, as ``CHANNELS`` has them: ``behind`` is what paths bring, seen through the transmittance T."""
     T = dr.detach(T)
     seen = dr.clip(T, 0, 1)
     return [T * light for light in behind] + [seen * guide for guide in (*guides.albedo, *guides.normal)]
