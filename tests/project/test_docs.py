@@ -175,9 +175,10 @@ def folder(tmp_path, monkeypatch, trained, alpha_data) -> Path:
     sensor = '<sensor type="perspective"><transform name="to_world"><lookat origin="0,-4,1" target="0,0,0" up="0,0,1"/>'
     sensor += '</transform><film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="18"/>'
     scene = '<shape type="sphere"/><emitter type="constant"/>'
-    (tmp_path / "scene.xml").write_text(
-        f'<scene version="3.0.0"><integrator type="path"/>{scene}{sensor}</film></sensor></scene>'
-    )
+    splats = '<shape type="dog"><string name="filename" value="model.ply"/></shape>'
+    for name, integrator, shapes in (("scene.xml", "path", scene), ("lit.xml", "dogpath", scene + splats)):
+        content = f'<integrator type="{integrator}"/>{shapes}{sensor}</film></sensor>'
+        (tmp_path / name).write_text(f'<scene version="3.0.0">{content}</scene>')
     monkeypatch.setattr(refine, "STEPS", 3)  # of exports, some hundred otherwise
     monkeypatch.setattr(refine, "MOST_STEPS", 3)
     monkeypatch.setattr(refine, "VANTAGE_SIZE", (40, 30))
