@@ -1,10 +1,10 @@
 """What a denoiser is given: the part of a picture that has noise, and what it looks for edges in.
 
-Splats in front of the camera have no noise. So only what light paths bring is to be smoothed, T L in docs/dogpath.md,
+Splats in front of the camera have no noise. So only what light paths bring is to be smoothed, T L' in docs/dogpath.md,
 and no edge or texture of the splats is.
 
-Guides are the albedo and normal of the first surface that is neither a mirror nor clear glass, and what such surfaces
-show of splats and emitters counts as albedo, as the manual of Open Image Denoise advises.
+Guides are the albedo and normal of the first surface that is neither a mirror nor clear glass. What those show of
+splats and emitters counts as albedo, so that their reflections keep edges as well.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import mitsuba as mi
 
 from .transfer import mean_of, three_channels
 
-AOV = "denoising"  # asks for
+AOV = "denoising"  # that asks for the channels
 CHANNELS = tuple(
     f"{AOV}.{name}.{part}" for name, parts in (("paths", "RGB"), ("albedo", "RGB"), ("normal", "XYZ")) for part in parts
 )
