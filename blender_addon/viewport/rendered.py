@@ -172,8 +172,9 @@ def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, r
     """The picture of a stage as ``dogsplat serve`` is asked for it."""
     request = stage.request | {"clip": list(seen.clip), **own_near_clip(seen.camera)}
     if stage.whole:
-        samples = scene.dogsplat.samples if rests else 0
-        return request | camera_request(square(seen.camera)) | {"samples": samples}
+        settings = scene.dogsplat
+        how = {"samples": settings.samples if rests else 0, "denoise": settings.denoise}
+        return request | camera_request(square(seen.camera)) | how
     linear = scene.dogsplat_colors == "LINEAR"
     if not scene.render.film_transparent:
         request["background"] = np.asarray(background(scene, stage.light)).tolist()

@@ -5,7 +5,7 @@ The package ``mitsuba-oidn`` is imported where it is used: it comes with the ext
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 
 import numpy as np
@@ -23,10 +23,6 @@ def require_denoiser(source: str) -> None:
 def denoised(image: np.ndarray, channels: Sequence[str]) -> np.ndarray:
     """A render with the AOV ``denoising``, smoothed, and without the channels of that AOV.
 
-    Open Image Denoise smoothes what light paths brought. What the splats in front of the camera show stays as it is. It
-    looks for edges in albedo and normal, from which it takes the noise first. It runs on the CPU, so that every machine
-    makes the same picture.
-
     Args:
         image: [H, W, C], of a film of RGB or RGBA: linear radiance. Not changed.
         channels: names of its last channels, as ``integrator.aov_names()`` tells them.
@@ -34,28 +30,41 @@ def denoised(image: np.ndarray, channels: Sequence[str]) -> np.ndarray:
     Returns [H, W, C - 9], float32. Raises ``ValueError`` where the AOV is not among the channels, and
     ``ModuleNotFoundError`` where ``mitsuba_oidn`` is not installed.
     """
+    result, given = parted(image, channels)
+    result[..., :3] += correction(given)
+    return result
+
+
+def parted(image: np.ndarray, channels: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """A render as it is, [H, W, C - 9], and what a denoiser is given, [H, W, 9]. Arguments as of ``denoised``."""
     if missing := [name for name in CHANNELS if name not in channels]:
         raise ValueError(f'the channel {missing[0]} is missing; name "{AOV}" in the "aovs" of the integrator dogpath')
     image = np.asarray(image, np.float32)
     first = image.shape[-1] - len(channels)
     at = [first + list(channels).index(name) for name in CHANNELS]
-    paths, albedo, normal = (np.ascontiguousarray(image[..., at[k : k + 3]]) for k in (0, 3, 6))
+    return np.delete(image, at, -1), image[..., at]
+
+
+def correction(given: np.ndarray, goes_on: Callable[[], bool] = lambda: True) -> np.ndarray:
+    """What is to be added to the colours of a render, [H, W, 3], so that they have no noise.
+
+    Open Image Denoise smooths what light paths brought. What the splats in front of the camera show stays as it is. It
+    looks for edges in albedo and normal, from which it takes the noise first. It runs on the CPU, so that every machine
+    makes the same picture.
+
+    Args:
+        given: [H, W, 9], as ``CHANNELS`` has it.
+        goes_on: asked again and again whether the result is still wanted. Where it is not, nothing is added.
+    """
+    paths, albedo, normal = (np.ascontiguousarray(given[..., k : k + 3], np.float32) for k in (0, 3, 6))
     light = np.maximum(paths, 0)  # below it lies what negative lobes take from what is behind: that stays
-    guides = {"albedo": _filtered({"albedo": albedo}), "normal": _filtered({"normal": normal})}
-    smooth = _filtered({"color": light, **guides}, hdr=True, clean_aux=True)
-    result = undenoised(image, channels)
-    result[..., :3] += smooth - light
-    return result
+    albedo, normal = _filtered({"albedo": albedo}, goes_on), _filtered({"normal": normal}, goes_on)
+    smooth = _filtered({"color": light, "albedo": albedo, "normal": normal}, goes_on, hdr=True, clean_aux=True)
+    return smooth - light if goes_on() else np.zeros_like(light)
 
 
-def undenoised(image: np.ndarray, channels: Sequence[str]) -> np.ndarray:
-    """The same render [H, W, C - 9] as it is."""
-    first = image.shape[-1] - len(channels)
-    return np.delete(image, [first + k for k, name in enumerate(channels) if name in CHANNELS], -1)
-
-
-def _filtered(images: dict[str, np.ndarray], **settings: bool) -> np.ndarray:
-    """By a filter of Open Image Denoise, [H, W, 3]."""
+def _filtered(images: dict[str, np.ndarray], goes_on: Callable[[], bool], **settings: bool) -> np.ndarray:
+    """By a filter of Open Image Denoise, [H, W, 3]; unfinished where it does not go on."""
     import mitsuba_oidn as oidn
 
     out = np.zeros_like(next(iter(images.values())))
@@ -64,5 +73,10 @@ def _filtered(images: dict[str, np.ndarray], **settings: bool) -> np.ndarray:
         chosen.set_image(name, image)
     for name, value in settings.items():
         setattr(chosen, name, value)
-    chosen.execute()
+    chosen.set_progress_monitor(lambda share: goes_on())
+    try:
+        chosen.execute()
+    except oidn.Error as error:
+        if error.code != oidn.ErrorCode.Cancelled:
+            raise
     return out

@@ -9,6 +9,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..render.denoise import correction
 from ..support.errors import DataError
 from ..support.scene_errors import scene_error
 from .alone import SplatsAlone
@@ -82,10 +83,12 @@ class Answerer:
         require_counts(request, number_of(splats))
         scene = load_scene(request, splats)
         sensor, picture = scene.sensors()[0], {}
-        for done, mean in means(scene, sensor, request, in_steps(request.samples, STEP_SAMPLES)):
-            picture = {"color": mean[..., :3], "alpha": mean[..., 3]}
-            if done < request.samples:
-                yield done / request.samples, picture
+        for mean in means(scene, sensor, request, in_steps(request.samples, STEP_SAMPLES)):
+            picture = {"color": mean.picture[..., :3], "alpha": mean.picture[..., 3]}
+            if mean.done < request.samples:
+                yield mean.done / request.samples, picture
+            elif mean.for_denoiser is not None:
+                picture["color"] = picture["color"] + correction(mean.for_denoiser)
         if request.passes:
             picture |= data_passes(request, scene, splats)
         yield 1.0, picture

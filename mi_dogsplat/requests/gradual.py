@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from typing import Any
+from typing import Any, NamedTuple
 
 import mitsuba as mi
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from ..plugin.background import radiance
 from ..plugin.samples import samples
 from ..plugin.sensor import SensorReader
-from ..render.denoise import denoised, undenoised
+from ..render.denoise import parted
 from ..support.errors import interruptible
 from .request import Request
 from .scene_description import hides_background
@@ -20,14 +20,22 @@ from .scene_description import hides_background
 BEHIND_SAMPLES = 8  # places in a pixel through which its background is looked at
 
 
+class Mean(NamedTuple):
+    """Of the samples that are done."""
+
+    done: int
+    picture: np.ndarray  # [H, W, 4]: linear radiance premultiplied with alpha
+    for_denoiser: np.ndarray | None  # [H, W, 9], where the request asks for a denoiser
+
+
 def means(
     scene: mi.Scene, sensor: mi.Sensor, request: Request, steps: Sequence[int], part: int = 0
-) -> Iterator[tuple[int, np.ndarray]]:
-    """(samples that are done, their mean [H, W, 4]: linear radiance premultiplied with alpha) after each step.
+) -> Iterator[Mean]:
+    """The mean after each step.
 
     steps: samples for each pixel between two means. part: of the picture, where the sensor sees no more of it. Random
     numbers are independent of those of other parts and seeds, and of other steps or, of our integrators, as even over
-    all steps as over those of one render. The last mean is denoised where the request asks for it.
+    all steps as over those of one render.
     """
     total, done = np.zeros(1), 0  # in double precision
     behind = _environment(scene, sensor) if hides_background(request) else None
@@ -38,11 +46,10 @@ def means(
         with interruptible(), _going_on(integrator, done) if ours else nullcontext():
             total = total + count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=seed))
         done += count
-        mean = (total / done).astype(np.float32)
+        image, given = (total / done).astype(np.float32), None
         if request.denoise:
-            clean = denoised if done == sum(steps) else undenoised
-            mean = clean(mean, integrator.aov_names())
-        yield done, finished(mean, request, behind)
+            image, given = parted(image, integrator.aov_names())
+        yield Mean(done, finished(image, request, behind), given)
 
 
 @contextmanager

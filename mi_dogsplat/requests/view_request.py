@@ -32,6 +32,4 @@ def read_view_request(content: Any) -> ViewRequest:
         raise DataError(SOURCE, 'has no "camera", or neither "model" nor "scene"', FORMAT)
     if request.passes:
         raise DataError(SOURCE, "a picture for a viewport has no passes", 'ask for "out" as .npz')
-    if request.denoise:
-        raise DataError(SOURCE, "a picture for a viewport is not denoised", 'ask for "out" as .npz')
     return request

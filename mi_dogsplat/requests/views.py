@@ -13,12 +13,14 @@ import numpy as np
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.rasterize import rasterize
+from ..plugin.denoising import CHANNELS
 from ..plugin.transfer import linear_to_srgb, srgb_to_linear
+from ..render.denoise import correction
 from ..scene.cameras import Camera
 from ..scene.drawing import drawn_as
 from ..support.errors import DataError, interruptible
 from ..support.scene_errors import scene_error
-from .gradual import finished, in_steps, means
+from .gradual import Mean, finished, in_steps, means
 from .masks import camera_masks, hides_lamps, splat_masks
 from .request import SOURCE
 from .scene_description import files_of, load_scene, no_splats, number_of
@@ -27,6 +29,7 @@ from .view_request import ViewRequest
 from .view_sensor import sensor_of
 
 STEP_SAMPLES = 2  # of a scene, between two pictures after the first
+DENOISER_SAMPLES = 3  # that take as long as the denoiser
 BAND_PIXELS = 100_000  # of a scene, between two looks whether another picture is wanted
 Steps = Iterator[tuple[float, np.ndarray]]  # share that is done, and the picture so far
 
@@ -95,7 +98,7 @@ class Views:
         assert camera
         files = [path for path in (request.scene, request.model) if path]
         named = self._keep("files", files[:1], (), lambda: files_of(files[0]))
-        how = request.max_depth, request.transparent, request.hide_lamps
+        how = request.max_depth, request.transparent, request.hide_lamps, request.denoise
         drawn = request.near_clip, request.antialiased, request.mesh_shadows
         masked = request.counts, request.holdout, request.indirect_only
         also = how + drawn + masked + tuple(_stamp(file) for file in named)
@@ -106,16 +109,22 @@ class Views:
             yield 1.0, finished(picture, request)
             return
         bands = [(rows, self._means(scene, request, rows)) for rows in _bands(camera)]
-        picture, share = np.zeros((camera.height, camera.width, 4), np.float32), 0.0
-        while share < 1:
+        picture, given = (np.zeros((camera.height, camera.width, k), np.float32) for k in (4, len(CHANNELS)))
+        done, work = 0, request.samples + (DENOISER_SAMPLES if request.denoise else 0)
+        while done < request.samples:
             for rows, steps in bands:
                 if interrupted():
                     return
-                done, picture[rows] = next(steps)
-                share = done / request.samples
-            yield share, picture.copy()
+                done, picture[rows], for_denoiser = next(steps)
+                if for_denoiser is not None:
+                    given[rows] = for_denoiser
+            yield done / work, picture.copy()
+        if request.denoise:
+            picture[..., :3] += correction(given, lambda: not interrupted())
+            if not interrupted():
+                yield 1.0, picture
 
-    def _means(self, scene: mi.Scene, request: ViewRequest, rows: slice) -> Iterator[tuple[int, np.ndarray]]:
+    def _means(self, scene: mi.Scene, request: ViewRequest, rows: slice) -> Iterator[Mean]:
         """Of some rows: a sample for each pixel, then a few more at a time."""
         return means(scene, sensor_of(request, rows), request, in_steps(request.samples, STEP_SAMPLES, 1), rows.start)
 

@@ -10,7 +10,7 @@ import pytest
 from mi_dogsplat.cli import main
 from mi_dogsplat.plugin.denoising import CHANNELS
 from mi_dogsplat.render import denoise
-from mi_dogsplat.render.denoise import denoised, undenoised
+from mi_dogsplat.render.denoise import correction, denoised, parted
 from mi_dogsplat.render.render_files import render_scene
 from mi_dogsplat.support.errors import DataError
 
@@ -45,16 +45,16 @@ def loaded(path: Path) -> tuple[Any, list[str]]:
 def test_noise_goes_and_what_splats_show_stays(room, film):
     scene, names = loaded(room(film))
     render: Any = mi.render
-    truth = undenoised(np.array(render(scene, spp=256, seed=1)), names)
+    truth, _ = parted(np.array(render(scene, spp=256, seed=1)), names)
     noisy = np.array(mi.render(scene, spp=8))
     before = noisy.copy()
     clean = denoised(noisy, names)
     np.testing.assert_array_equal(noisy, before)
-    plain = undenoised(noisy, names)
+    plain, given = parted(noisy, names)
     assert clean.shape == plain.shape == truth.shape and clean.dtype == np.float32
     errors = [float(np.abs(image - truth).mean()) for image in (plain, clean)]
     assert errors[1] < 0.4 * errors[0], errors
-    unlit = (noisy[..., -9:-6] <= 0).all(-1)
+    unlit = (given[..., :3] <= 0).all(-1)
     dark = unlit & (np.abs(clean - plain).max(-1) > 1e-3)
     assert dark.sum() <= 0.02 * dark.size  # what is smoothed hardly runs over the edges of opaque splats
     if plain.shape[-1] == 4:
@@ -64,16 +64,28 @@ def test_noise_goes_and_what_splats_show_stays(room, film):
 def test_other_channels_stay():
     image = np.random.default_rng(0).random((20, 30, 3 + 2 + 9)).astype(np.float32)
     names = ["depth.Z", *CHANNELS, "holdout.Y"]
-    for change in (denoised, undenoised):
-        result = change(image, names)
+    plain, given = parted(image, names)
+    for result in (denoised(image, names), plain):
         np.testing.assert_array_equal(result[..., 3:], image[..., [3, 13]])
-    np.testing.assert_array_equal(undenoised(image, names)[..., :3], image[..., :3])
+    np.testing.assert_array_equal(plain[..., :3], image[..., :3])
+    np.testing.assert_array_equal(given, image[..., 4:13])
 
 
 def test_what_negative_lobes_take_stays():
     image = np.zeros((16, 16, 12), np.float32)
     image[..., :3], image[..., 3:6] = 0.5, -0.1
     np.testing.assert_allclose(denoised(image, CHANNELS), 0.5, atol=1e-6)
+
+
+def test_nothing_is_added_where_the_result_is_not_wanted_any_more():
+    given, asked = np.random.default_rng(0).random((48, 64, 9)), []
+
+    def goes_on() -> bool:
+        asked.append(True)
+        return len(asked) < 5
+
+    assert (correction(given, goes_on) == 0).all() and len(asked) >= 5
+    assert np.abs(correction(given)).max() > 0.1
 
 
 def test_a_render_without_its_channels_is_refused():

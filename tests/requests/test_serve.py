@@ -322,7 +322,7 @@ def test_steps_of_a_scene_are_of_one_size_and_independent(monkeypatch, asked, pa
     scene: Any = mi.load_dict({"type": "scene", "sensor": {"type": "perspective", "film": film}})
     for seed, part in itertools.product(range(20), (0, 64)):
         found = means(scene, scene.sensors()[0], Request(seed=seed), steps, part)
-        assert [done for done, _ in found] == list(np.cumsum(parts))
+        assert [mean.done for mean in found] == list(np.cumsum(parts))
     assert len(seeds) == len(set(seeds)) == 40 * sum(parts)
 
 

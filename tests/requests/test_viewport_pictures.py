@@ -179,6 +179,25 @@ def test_bands_are_parts_of_one_picture(folder, views, monkeypatch):
     np.testing.assert_allclose(last(views, request), whole, atol=1e-4)
 
 
+def test_a_whole_picture_is_denoised_when_its_samples_are_there(folder, views, monkeypatch):
+    """And not band by band, or there would be seams; unless another one is wanted by then."""
+    request = {"scene": str(folder / "scene.json"), "camera": camera_json(CAMERA), "samples": 4, "denoise": True}
+    monkeypatch.setattr(views_module, "BAND_PIXELS", 5 * WIDTH)  # four bands
+    *before, (share, clean) = views.frames(read_view_request(request))
+    assert share == 1 and [round(part, 3) for part, _ in before] == [round(done / 7, 3) for done in (1, 4)]
+    plain = before[-1][1]
+    np.testing.assert_array_equal(clean[..., 3], plain[..., 3])
+    assert np.abs(clean - plain)[..., :3].max() > 1e-3
+    looks = []
+
+    def interrupted():
+        looks.append(True)
+        return len(looks) > 8  # while it is denoised
+
+    *_, (share, _) = views.frames(read_view_request(request), interrupted)
+    assert share < 1
+
+
 def told(lines):
     said = []
     serve(lines, said.append)
