@@ -8,13 +8,13 @@ bring, without the splats in front of the camera, "guides" are albedo and normal
 from __future__ import annotations
 
 import argparse
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from mi_dogsplat.support.variants import set_variant
 
 from .error_table import display
-from .lit_scenes import INDOORS, LIGHT, loaded, picture, with_pattern
+from .lit_scenes import INDOORS, LIGHT, for_denoiser, loaded, picture, with_pattern
 
 
 def main(argv: list[str]) -> None:
@@ -39,7 +39,7 @@ def _table(name: str, scene: Any, args: argparse.Namespace) -> None:
     truth = display(picture(scene, args.truth, args.size, seed=1))
     ways: dict[str, dict[int, str]] = {}
     for spp in args.samples:
-        for way, image in _pictures(scene, spp).items():
+        for way, image in _pictures(scene, spp, args.size).items():
             error = display(image) - truth
             decibels = -10 * np.log10((error**2).mean())
             ways.setdefault(way, {})[spp] = f"{decibels:.1f} dB, {np.abs(error).mean():.4f}"
@@ -49,17 +49,12 @@ def _table(name: str, scene: Any, args: argparse.Namespace) -> None:
         print(f"| {way} | {' | '.join(cells.values())} |", flush=True)
 
 
-def _pictures(scene: Any, spp: int) -> dict[str, np.ndarray]:
+def _pictures(scene: Any, spp: int, size: tuple[int, int]) -> dict[str, np.ndarray]:
     """[H, W, 3] of one render, smoothed in several ways."""
-    import mitsuba as mi  # of the variant
     import mitsuba_oidn as oidn
     from mi_dogsplat.render.denoise import denoised
 
-    integrator, render = scene.integrator(), cast("Any", mi.render)
-    integrator.denoising = True
-    image = np.array(render(scene, spp=spp), np.float32)
-    clean = denoised(image, integrator.aov_names())
-    integrator.denoising = False
+    image, names = for_denoiser(scene, spp, size)
     whole, paths, albedo, normal = (np.ascontiguousarray(image[..., k : k + 3]) for k in (0, 3, 6, 9))
     return {
         "as it is": whole,
@@ -67,5 +62,5 @@ def _pictures(scene: Any, spp: int) -> dict[str, np.ndarray]:
         "whole, with guides": oidn.denoise(whole, albedo, normal, hdr=True),
         "paths": whole - paths + oidn.denoise(paths, hdr=True),
         "paths, with guides": whole - paths + oidn.denoise(paths, albedo, normal, hdr=True),
-        "**paths, with guides that are smoothed first**": clean,
+        "**paths, with guides that are smoothed first**": denoised(image, names),
     }

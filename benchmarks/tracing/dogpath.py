@@ -20,7 +20,7 @@ from mi_dogsplat.formats.read import read_model
 
 from .error_table import ErrorTable, display
 from .lit_runs import by_primitives, by_samples, contestants, parsed, parser_of
-from .lit_scenes import IN_PLACE, LIGHT, MODEL, empty, loaded, of_meshes, picture
+from .lit_scenes import IN_PLACE, LIGHT, MODEL, empty, for_denoiser, loaded, of_meshes, picture
 from .regions import regions
 
 
@@ -57,6 +57,8 @@ def main(argv: list[str]) -> None:
     parser = parser_of("dogpath", __doc__, (320, 240), 2048)
     contestants(parser)
     args = parsed(parser, argv)
+    from mi_dogsplat.render.denoise import denoised  # of the variant
+
     size = args.size
     mirrored(size)
     meshes, model = of_meshes(LIGHT), loaded(LIGHT)
@@ -66,6 +68,8 @@ def main(argv: list[str]) -> None:
     most, table = max(args.samples), ErrorTable(shown, masks)
     n = read_model(IN_PLACE).splats.n_splats
     by_samples(table, args, model, meshes, n)
+    for spp in args.samples[1:-1]:
+        table.row("dogpath, denoised", spp, n, lambda seed, spp=spp: denoised(*for_denoiser(model, spp, size, seed)))
     over_white = loaded(LIGHT, MODEL)
     table.row("dogpath, still_life.ply", most, n, lambda seed: picture(over_white, most, size, seed))
     table.row("dogsplat, path nested", most, n, lambda seed: picture(model, most, size, seed, splatted))

@@ -111,10 +111,25 @@ def without_model(path: Path) -> ElementTree.Element:
 
 def picture(scene: Any, spp: int, size: tuple[int, int], seed: Any = 0, integrator: Any = None) -> np.ndarray:
     """[H, W, 3] linear radiance of the first sensor, at another size."""
+    _resize(scene, size)
+    return np.array(mi.render(scene, spp=spp, seed=seed, integrator=integrator))[..., :3]
+
+
+def for_denoiser(scene: Any, spp: int, size: tuple[int, int], seed: Any = 0) -> tuple[np.ndarray, list[str]]:
+    """[H, W, C] the same by ``dogpath`` with the channels that a denoiser asks for, and the names of those."""
+    _resize(scene, size)
+    integrator = scene.integrator()
+    integrator.denoising = True
+    image = np.array(mi.render(scene, spp=spp, seed=seed), np.float32)
+    names = integrator.aov_names()
+    integrator.denoising = False
+    return image, names
+
+
+def _resize(scene: Any, size: tuple[int, int]) -> None:
     params: Any = mi.traverse(scene)
     params[next(name for name in params.keys() if name.endswith("film.size"))] = list(size)
     params.update()
-    return np.array(mi.render(scene, spp=spp, seed=seed, integrator=integrator))[..., :3]
 
 
 def _meshes(black: bool = False) -> list[ElementTree.Element]:

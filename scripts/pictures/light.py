@@ -18,7 +18,7 @@ from mi_dogsplat.render.denoise import denoised
 from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.support.srgb import linear_to_srgb
 
-from benchmarks.tracing.lit_scenes import INDOORS, LIGHT, SCENES, SHADE, loaded, of_meshes, picture
+from benchmarks.tracing.lit_scenes import INDOORS, LIGHT, SCENES, SHADE, for_denoiser, loaded, of_meshes, picture
 
 from .panels import write_rows
 
@@ -81,12 +81,9 @@ def shade() -> None:
 def smooth() -> None:
     """Write docs/pictures/dogpath_denoised.png."""
     scene, size, few = loaded(LIGHT), (WIDTH, HEIGHT), 8
-    panels = [(picture(scene, few, size), f"{few} samples per pixel")]
-    scene.integrator().denoising = True
-    render: Any = mi.render
-    clean = denoised(np.array(render(scene, spp=few)), scene.integrator().aov_names())
-    scene.integrator().denoising = False
-    panels += [(clean, "the same, denoised"), (picture(scene, 1024, size), "1,024 samples")]
+    panels = [(picture(scene, few, size), f"{few} samples per pixel"),
+              (denoised(*for_denoiser(scene, few, size)), "the same, denoised"),
+              (picture(scene, 1024, size), "1,024 samples")]
     write_rows("dogpath_denoised.png", [[labelled(shown(image), text) for image, text in panels]])
 
 
