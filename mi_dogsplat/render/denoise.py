@@ -49,8 +49,8 @@ def correction(given: np.ndarray, goes_on: Callable[[], bool] = lambda: True) ->
     """What is to be added to the colours of a render, [H, W, 3], so that they have no noise.
 
     Open Image Denoise smooths what light paths brought. What the splats in front of the camera show stays as it is. It
-    looks for edges in albedo and normal, from which it takes the noise first. It runs on the CPU, so that every machine
-    makes the same picture.
+    looks for edges in albedo and normal, from which it takes the noise first. It runs on the CPU, whether or not there
+    is a GPU.
 
     Args:
         given: [H, W, 9], as ``CHANNELS`` has it.
