@@ -75,6 +75,6 @@ def test_half_of_the_passes_go_through_what_is_half_there(steps):
         "splats": dog_dict(rounded(Splats.empty(1))), "sky": {"type": "constant"},
         "pane": {"type": "rectangle", "to_world": square, "bsdf": {"type": "mask", "opacity": 0.5, "bsdf": black}},
     })  # fmt: skip
-    *_, (done, picture) = means(scene, scene.sensors()[0], Request(seed=4), steps)
+    *_, (done, picture, _) = means(scene, scene.sensors()[0], Request(seed=4), steps)
     assert done == 16 and scene.integrator().first_pass is None
     np.testing.assert_allclose(picture[..., :3], 0.5, rtol=1e-5)
