@@ -28,7 +28,7 @@ Examples:
                                                                       channels depth.Z, normal.X, ... index.I
   dogsplat render scene.xml -o view.exr                               first sensor of a Mitsuba scene
   dogsplat render scene.xml -o view.exr --spp 256                     with more samples per pixel
-  dogsplat render lit.xml -o view.png --spp 16 --denoise              with few, and without their noise (dogpath)
+  dogsplat render lit.xml -o view.png --spp 16 --denoise              with few, smoothed (of dogpath)
 
 A camera file holds {"w2c": 4x4 world to camera (x right, y down, z forward), "fx": pixels, "fy", "cx",
 "cy", "width", "height"}; fy, cx and cy may be left out. A .png shows colours over the background; an .exr
