@@ -11,21 +11,19 @@ import argparse
 from typing import Any
 
 import numpy as np
-from mi_dogsplat.support.variants import set_variant
+from mi_dogsplat.measure.metrics import psnr
+from mi_dogsplat.render.denoise import denoised
 
 from .error_table import display
+from .lit_runs import parsed, parser_of
 from .lit_scenes import INDOORS, LIGHT, for_denoiser, loaded, picture, with_pattern
 
 
 def main(argv: list[str]) -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks denoising", description=__doc__)
-    parser.add_argument("--size", nargs=2, type=int, default=(160, 120), metavar=("WIDTH", "HEIGHT"))
-    parser.add_argument("--truth", type=int, default=4096, help="samples of the truth (default: %(default)s)")
-    parser.add_argument("--samples", nargs="+", type=int, default=(4, 16, 64))
-    parser.add_argument("--variant", default="llvm_ad_rgb")
-    args = parser.parse_args(argv)
-    set_variant(args.variant)
+    parser = parser_of("denoising", __doc__, (240, 180), 2048)
+    parser.add_argument("--samples", nargs="+", type=int, default=[4, 16, 64])
+    args = parsed(parser, argv)
     scenes = {
         "in the light": lambda: loaded(LIGHT),
         "with a patterned floor": lambda: with_pattern(LIGHT, "floor"),
@@ -37,22 +35,20 @@ def main(argv: list[str]) -> None:
 
 def _table(name: str, scene: Any, args: argparse.Namespace) -> None:
     truth = display(picture(scene, args.truth, args.size, seed=1))
-    ways: dict[str, dict[int, str]] = {}
+    ways: dict[str, list[str]] = {}
     for spp in args.samples:
         for way, image in _pictures(scene, spp, args.size).items():
-            error = display(image) - truth
-            decibels = -10 * np.log10((error**2).mean())
-            ways.setdefault(way, {})[spp] = f"{decibels:.1f} dB, {np.abs(error).mean():.4f}"
+            seen = display(image)
+            ways.setdefault(way, []).append(f"{psnr(seen, truth):.1f} dB, {np.abs(seen - truth).mean():.4f}")
     print(f"| {name} | {' | '.join(f'{spp} samples' for spp in args.samples)} |")
     print("|---" * (1 + len(args.samples)) + "|")
     for way, cells in ways.items():
-        print(f"| {way} | {' | '.join(cells.values())} |", flush=True)
+        print(f"| {way} | {' | '.join(cells)} |", flush=True)
 
 
 def _pictures(scene: Any, spp: int, size: tuple[int, int]) -> dict[str, np.ndarray]:
     """[H, W, 3] of one render, smoothed in several ways."""
     import mitsuba_oidn as oidn
-    from mi_dogsplat.render.denoise import denoised
 
     image, names = for_denoiser(scene, spp, size)
     whole, paths, albedo, normal = (np.ascontiguousarray(image[..., k : k + 3]) for k in (0, 3, 6, 9))

@@ -17,6 +17,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.render.denoise import denoised
 
 from .error_table import ErrorTable, display
 from .lit_runs import by_primitives, by_samples, contestants, parsed, parser_of
@@ -57,8 +58,6 @@ def main(argv: list[str]) -> None:
     parser = parser_of("dogpath", __doc__, (320, 240), 2048)
     contestants(parser)
     args = parsed(parser, argv)
-    from mi_dogsplat.render.denoise import denoised  # of the variant
-
     size = args.size
     mirrored(size)
     meshes, model = of_meshes(LIGHT), loaded(LIGHT)

@@ -25,7 +25,7 @@ class DogSplatRenderSettings(bpy.types.PropertyGroup):
     bounces: IntProperty(name="Bounces", default=8, min=0, soft_max=64, description="Of light, in a whole scene")
     denoise: BoolProperty(
         name="Denoise", default=False,
-        description="Smooth the noise of a whole scene when its samples are done; splats before the camera stay sharp",
+        description="Smooth the noise of a whole scene when its samples are done; splats in front stay sharp",
     )  # fmt: skip
     mesh_shadows: BoolProperty(
         name="Shadows on Splats", default=False,

@@ -236,8 +236,8 @@ REST = {
     ),
     "Paths per pixel of a whole scene": "Pfade je Pixel einer ganzen Szene",
     "Denoise": "Entrauschen",
-    "Smooth the noise of a whole scene when its samples are done; splats before the camera stay sharp": (
-        "Glättet das Rauschen einer ganzen Szene, wenn ihre Samples fertig sind; Splats vor der Kamera bleiben scharf"
+    "Smooth the noise of a whole scene when its samples are done; splats in front stay sharp": (
+        "Glättet das Rauschen einer ganzen Szene, wenn ihre Samples fertig sind; Splats im Vordergrund bleiben scharf"
     ),
     "Bounces": "Reflexionen",
     "Of light, in a whole scene": "Des Lichts, in einer ganzen Szene",

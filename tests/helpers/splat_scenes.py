@@ -7,6 +7,7 @@ from typing import Any, cast
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat import reference
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import RAW, RAW_OF_GROUPS, upload
@@ -156,6 +157,14 @@ def image_of(frame: Frame, camera: Camera, background=(0, 0, 0)) -> np.ndarray:
 def plane_of(plane: mi.Float, camera: Camera) -> np.ndarray:
     """[H, W]"""
     return dr.detach(plane).numpy().reshape(camera.height, camera.width)
+
+
+def seen_at(splats: Any, camera: Camera, x: float, y: float, border: int = 0) -> np.ndarray:
+    """[H, W, 4] by the float64 twin, with alpha: what is at x, y in the pixels, and in as many around the picture."""
+    center = camera.cx + 0.5 - x + border, camera.cy + 0.5 - y + border
+    size = camera.width + 2 * border, camera.height + 2 * border
+    color, T, _ = reference.render(splats, Camera(camera.w2c, camera.fx, camera.fy, *center, *size))
+    return np.dstack([color, 1 - T])
 
 
 def square_camera(width=40, height=30, f=36.0, cx=None, cy=None) -> Camera:

@@ -10,11 +10,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat import reference
 from mi_dogsplat.plugin.filter import Filter
 from mi_dogsplat.plugin.samples import samples
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
-from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (
     assert_gradients_equal,
@@ -23,6 +21,7 @@ from splat_scenes import (
     random_splats,
     rounded,
     scene_of,
+    seen_at,
     square_camera,
 )
 
@@ -34,15 +33,6 @@ CAMERA = square_camera()
 
 def filter_of(rfilter: dict[str, Any], **film) -> Filter:
     return Filter(mi.load_dict({"type": "hdrfilm", "rfilter": rfilter, **film}))
-
-
-def seen_at(splats: Splats, camera: Camera, x: float, y: float) -> np.ndarray:
-    """[H, W, 4], by the float64 twin, of places x, y in the pixels."""
-    moved = Camera(
-        camera.w2c, camera.fx, camera.fy, camera.cx + 0.5 - x, camera.cy + 0.5 - y, camera.width, camera.height
-    )
-    color, T, _ = reference.render(splats, moved)
-    return np.dstack([color, 1 - T])
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,11 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 import pytest
-from mi_dogsplat import reference
 from mi_dogsplat.plugin.samples import samples
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
-from splat_scenes import assert_gradients_equal, differences, random_splats, rounded, scene_of, square_camera
+from splat_scenes import assert_gradients_equal, differences, random_splats, rounded, scene_of, seen_at, square_camera
 
 MODEL = rounded(random_splats(60, seed=1))
 CAMERA = square_camera()
@@ -26,14 +25,7 @@ def render(scene: mi.Scene, **choices) -> np.ndarray:
 
 def passes(splats: Splats, camera: Camera, count: int, seed: int, border=0) -> list[tuple[tuple, np.ndarray]]:
     """(place in the pixel, image with alpha) of each pass, by the float64 twin."""
-    images = []
-    for s in samples(count, seed):
-        size = camera.width + 2 * border, camera.height + 2 * border
-        center = camera.cx + 0.5 - s.x + border, camera.cy + 0.5 - s.y + border
-        moved = Camera(camera.w2c, camera.fx, camera.fy, *center, *size)
-        color, T, _ = reference.render(splats, moved)
-        images.append(((s.x, s.y), np.dstack([color, 1 - T])))
-    return images
+    return [((s.x, s.y), seen_at(splats, camera, s.x, s.y, border)) for s in samples(count, seed)]
 
 
 def box(d):
@@ -104,8 +96,7 @@ def test_many_samples_approach_the_mean_over_the_pixel():
     mean = np.zeros((30, 40, 3))
     for x in shifts:
         for y in shifts:
-            moved = Camera(CAMERA.w2c, CAMERA.fx, CAMERA.fy, CAMERA.cx + 0.5 - x, CAMERA.cy + 0.5 - y, 40, 30)
-            mean += reference.render(MODEL, moved)[0] / 64
+            mean += seen_at(MODEL, CAMERA, x, y)[..., :3] / 64
     scene = scene_of(MODEL, CAMERA, **FLAT)
     errors = [np.abs(render(scene, spp=n) - mean).mean() for n in (1, 4, 16, 64)]
     assert errors[1] < 0.7 * errors[0] and max(errors[2:]) < 0.2 * errors[0], errors
