@@ -26,6 +26,9 @@ from tiny_data import write_tiny_data
 
 ROOT = Path(__file__).parents[2]
 TRAIN = [sys.executable, "-m", "mi_dogsplat"]
+# a checkpoint after each step, however slow the disk is: else a run may be done before its second one
+OFTEN = [sys.executable, "-c", "from mi_dogsplat.runs import checkpoint; checkpoint.SHARE = float('inf'); "
+         "from mi_dogsplat.cli import main; raise SystemExit(main())"]  # fmt: skip
 SETTINGS = ["--preset", "3dgs", "--sh-degree", "1", "--max-primitives", "100", "--log-every", "10"]
 SETTINGS += ["--checkpoint-seconds", "0", "--variant", "llvm_ad_rgb"]
 CHECKPOINT = Path("checkpoint") / "state.npz"
@@ -83,11 +86,11 @@ def assert_whole(folder: Path, steps: int) -> None:
 
 @pytest.mark.slow
 def test_a_run_that_is_killed_again_and_again_at_any_moment_comes_to_its_end(data, tmp_path):
-    steps, out, chance = 400, tmp_path / "a run", random.Random(0)
+    steps, out, chance = 4000, tmp_path / "a run", random.Random(0)
     reached = [0]
     for least in (None, chance.randint(1, 60), chance.randint(1, 60)):  # the first comes as it may, others in training
         more = ["--resume"] if (out / "config.json").exists() else []
-        process = subprocess.Popen([*TRAIN, *arguments(data, out, steps, *more)], cwd=ROOT, stderr=subprocess.DEVNULL)
+        process = subprocess.Popen([*OFTEN, *arguments(data, out, steps, *more)], cwd=ROOT, stderr=subprocess.DEVNULL)
         while least and step_of(out) < reached[-1] + least and process.poll() is None:
             time.sleep(0.005)
         time.sleep(chance.uniform(0, 0.02 if least else 1.0))
