@@ -47,7 +47,7 @@ def transmittance(scene: Any, start: Any, end: Any, active: Any, attached: bool 
 
     def step(T: Any, ray: Any, active: Any) -> tuple:
         hit = scene.ray_intersect(ray, active)
-        active &= hit.is_valid()
+        active = active & hit.is_valid()  # not &=, which writes into what the caller holds
         with dr.resume_grad(when=attached):
             T = dr.select(active, T * hit.bsdf().eval_null_transmission(hit, active), T)
         return T, hit.spawn_ray_to(end), active & dr.any(dr.detach(T) != 0)

@@ -157,6 +157,24 @@ def test_opacity_has_derivatives_where_the_camera_and_where_shadow_rays_pass():
     assert along.numpy().item() == pytest.approx(-2 * (1 - at) * full, rel=0.02)
 
 
+def test_opacity_has_derivatives_where_nothing_lies_before_the_light():
+    """The camera sees a grey pane of opacity a, and nothing behind it: the picture is a times that of a wall."""
+    at = 0.4
+    pane = square(WALL, 20, mask(at, diffuse(*[ALBEDO] * 3)))
+    scene = scene_of(lit_wall([]) | {"wall": pane}, max_depth=2)
+    params: Any = mi.traverse(scene)
+    opacity, full = "wall.bsdf.opacity.value", expected_wall().mean()
+    assert render(scene).mean() == pytest.approx(at * full, rel=2e-3)
+
+    dr.enable_grad(params[opacity])
+    params.update()
+    scene.integrator().render_backward(scene, params, mi.TensorXf(np.full((20, 24, 3), 1 / 1440, np.float32)))
+    assert np.sum(dr.grad(params[opacity])) == pytest.approx(full, rel=2e-3)
+    dr.set_grad(params[opacity], 1)
+    params.update()
+    assert np.mean(scene.integrator().render_forward(scene, params)) == pytest.approx(full, rel=2e-3)
+
+
 @pytest.mark.parametrize("max_depth", [2, 3])
 def test_what_passes_is_left_to_splats_in_the_shade(max_depth):
     """``mesh_shadows``: a black pane of opacity 0.4 before all of the sky on one side."""
