@@ -91,6 +91,15 @@ def test_coefficients_of_a_compressed_ply_go_by_the_names_of_their_columns(tmp_p
     assert np.array_equal(read_model(path).splats.sh_coeffs, expected)
 
 
+@pytest.mark.parametrize("content", [
+    '{"frames": [{"file_path": "1.png"}]}', '{"lodLevels": 2, "filenames": ["0_0/meta.json"], "tree": {}}', "{}",
+])  # fmt: skip
+def test_a_json_of_something_else_is_not_taken_for_a_gltf_without_gaussians(tmp_path, content):
+    (tmp_path / "other.json").write_text(content)
+    with pytest.raises(DataError, match=r"other\.json: is neither a glTF nor the meta\.json of a SOG; give the file"):
+        read_model(tmp_path / "other.json")
+
+
 def test_a_ply_that_was_packed_with_gzip_is_to_be_unpacked(tmp_path):
     path = written(tmp_path / "a.ply", foreign_model.model())
     (tmp_path / "a.ply.gz").write_bytes(gzip.compress(path.read_bytes()))
