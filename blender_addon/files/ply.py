@@ -21,6 +21,8 @@ from .whole import write_whole
 _POSITION = ("x", "y", "z")
 _NORMAL = ("nx", "ny", "nz")
 _DC = ("f_dc_0", "f_dc_1", "f_dc_2")
+_RGB = ("red", "green", "blue")
+_C0 = 0.28209479177387814  # colour = 0.5 + C0 f_dc
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
@@ -79,7 +81,7 @@ def read_ply(path: str | Path) -> Model:
         log_scales=log_scales,
         quats=_columns(path, tables, "vertex", _ROTATION),
         logit_opacities=logit_opacities,
-        sh_coeffs=np.concatenate([_columns(path, tables, "vertex", _DC)[:, None], rest], axis=1),
+        sh_coeffs=np.concatenate([_dc_columns(path, tables)[:, None], rest], axis=1),
         is_dog=is_dog,
         dog_logit_opacities=dog[:, 0],
         dog_log_scales=dog[:, 1:],
@@ -173,6 +175,19 @@ def _scales_and_opacities(path: Path, tables: dict[str, np.ndarray]) -> tuple[np
         faded = log_opacities - np.log(-np.expm1(log_opacities))
     faded = np.clip(faded, -np.inf, max(_LARGEST_LOGIT, raw.max(initial=0)))
     return after.astype(np.float32), np.where(widths[:, 0] == 0, raw, faded).astype(np.float32)
+
+
+def _dc_columns(path: Path, tables: dict[str, np.ndarray]) -> np.ndarray:
+    """f_dc_* [N, 3], or what red, green and blue stand for where a file has these in their place: integers of 8 or 16
+    bits, or floats in 0..1 or 0..255."""
+    dtype = tables["vertex"].dtype
+    names = dtype.names or ()
+    if _DC[0] in names or not set(_RGB) <= set(names):
+        return _columns(path, tables, "vertex", _DC)
+    colors = _columns(path, tables, "vertex", _RGB)
+    brightest = colors.max(initial=0)
+    full = 65535 if brightest > 255 else 255 if brightest > 1 or dtype[_RGB[0]].kind != "f" else 1
+    return ((colors / full - 0.5) / _C0).astype(np.float32)
 
 
 def _dog_columns(path: Path, tables: dict[str, np.ndarray], n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.ply_tables import TableReader
+from ..scene.ply_tables import MAX_COLOR, RGB, TableReader, in_unit
 from ..support.errors import DataError
 from ..support.files import replacing
 
-MAX_COLOR = 65535  # of the widest integers that colours are written in
 REMEDY = "write a PLY with an element vertex that has x y z and, for colours, red green blue"
 
 
@@ -34,17 +33,12 @@ def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
         points = np.stack([table[axis] for axis in "xyz"], axis=1).astype(np.float32)  # [P, 3]
     if not np.isfinite(points).all():
         raise DataError(path, "a point is not finite", REMEDY)
-    if not {"red", "green", "blue"} <= set(names):
+    if not set(RGB) <= set(names):
         return points, np.full_like(points, 0.5)
-    colors = np.stack([table[channel] for channel in ("red", "green", "blue")], axis=1)  # [P, 3]
+    colors = np.stack([table[channel] for channel in RGB], axis=1)  # [P, 3]
     if not np.isfinite(colors).all() or np.abs(colors).max(initial=0) > MAX_COLOR:
         raise DataError(path, "a colour is none", REMEDY)
-    # Integer columns hold 0..255, or those of 16 bits 0..65535; floats hold 0..1, or 0..255. ASCII files are seen whose
-    # header says uchar and whose numbers are fractions.
-    brightest = colors.max(initial=0)
-    whole = reader.codes["vertex"]["red"][0] != "f" and np.array_equal(colors, np.rint(colors))
-    full = MAX_COLOR if brightest > 255 else 255 if whole or brightest > 1 else 1
-    return points, (colors / full).astype(np.float32)
+    return points, in_unit(colors, reader.codes["vertex"]["red"])
 
 
 def write_point_ply(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
@@ -54,6 +48,6 @@ def write_point_ply(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
     rows["rgb"] = np.round(np.clip(colors, 0, 1) * 255)
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property float {name}" for name in "xyz"]
-    header += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    header += [f"property uchar {name}" for name in RGB]
     with replacing(path) as part:
         part.write_bytes("\n".join([*header, "end_header\n"]).encode() + rows.tobytes())

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..scene.scales import finite_scales
 from ..scene.splats import Array, Splats
 
 MOST_OPACITY = 0.999  # of a primitive made from clusters; the engine blends no α above 0.99
@@ -52,7 +53,7 @@ class Clusters:
             splats: finite parameters.
             weights: [N] > 0; None: the absorbances.
         """
-        scales = np.exp(splats.log_scales.astype(np.float64))  # [N, 3]
+        scales = finite_scales(splats.log_scales)  # [N, 3]
         logits = splats.logit_opacities.astype(np.float64)
         depths = np.minimum(np.logaddexp(0, logits), -np.log1p(-MOST_OPACITY))  # [N] -log(1 - sigmoid)
         absorbances = depths * shadows(scales)

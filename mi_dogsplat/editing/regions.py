@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 from scipy.spatial.transform import Rotation
 
+from ..scene.scales import finite_scales
 from ..scene.splats import Array, Splats
 
 NEIGHBOURS = 16  # nearest primitives that are looked at
@@ -53,7 +54,7 @@ def deviations_along(splats: Splats, rows: Array, directions: Array) -> Array:
     quats = splats.quats[rows].astype(np.float64)
     quats[~quats.any(axis=1)] = 0, 0, 0, 1  # a zero quaternion is the identity
     local = Rotation.from_quat(quats).inv().apply(directions)  # [P, 3]
-    scales = np.exp(splats.log_scales[rows].astype(np.float64))  # float32 has none above e^88
+    scales = finite_scales(splats.log_scales[rows])
     return np.linalg.norm(local * scales, axis=1)
 
 

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from ..scene.drawing import EXTRAS, Drawing
+from ..scene.scales import finite_scales
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from .gltf_container import glb, gltf
 from .gltf_read import DISPLAY, LINEAR, NAME, placing
-from .packing import finite_scales, unit_quats
+from .packing import unit_quats
 
 FLOAT, BYTE, ARRAY_BUFFER, POINTS = 5126, 5121, 34962, 0
 KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
@@ -31,7 +32,7 @@ def attributes(splats: Splats) -> dict[str, Array]:
         "POSITION": splats.means,
         "COLOR_0": np.round(np.clip(colors, 0, 1) * 255).astype(np.uint8),
         f"{NAME}:ROTATION": unit_quats(splats).astype(np.float32),
-        f"{NAME}:SCALE": finite_scales(splats),
+        f"{NAME}:SCALE": finite_scales(splats.log_scales).astype(np.float32),
         f"{NAME}:OPACITY": splats.opacities[:, None],
     }
     return found | {name: splats.sh_coeffs[:, k] for k, name in enumerate(sh_names(splats.sh_degree))}

@@ -44,6 +44,8 @@ def read(path: Path) -> Model:
     container = Container.open(path)
     try:
         found = _in_one_place(list(_models(container)))
+        if not found and "asset" not in container.content:  # any JSON is taken for glTF, which has to have that
+            raise DataError(path, "is neither a glTF nor the meta.json of a SOG", "give the file of a model")
         if not found:
             raise DataError(path, f"holds no primitive with {NAME}", "export it as Gaussians")
         if len({bool(model.drawing.linear) for model in found}) > 1:

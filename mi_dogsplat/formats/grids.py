@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..scene.scales import finite_scales
 from ..scene.splats import Array, Splats
 from .packing import from_smallest_three, smallest_three
 from .palette import centred, lloyd, nearest_entries, palette
@@ -70,8 +71,8 @@ class Extents:
         return cls(
             low=splats.means.min(axis=0).astype(np.float64),
             high=splats.means.max(axis=0).astype(np.float64),
-            small=float(np.exp(np.percentile(middle, SMALL))),
-            small_at_1=float(np.exp(np.percentile(at_1, SMALL))),
+            small=float(finite_scales(np.percentile(middle, SMALL))),
+            small_at_1=float(finite_scales(np.percentile(at_1, SMALL))),
             log_scales=(float(scales.min()), float(scales.max())),
             dc=(float(dc.min()), float(dc.max())),
             linear=linear,

@@ -45,11 +45,6 @@ def unit_quats(splats: Splats) -> Array:
     return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), [0.0, 0, 0, 1])
 
 
-def finite_scales(splats: Splats) -> Array:
-    """Standard deviations [N, 3]; the largest float32 where they are beyond it."""
-    return np.minimum(splats.scales, np.finfo(np.float32).max)
-
-
 def smallest_three(quats: Array) -> tuple[Array, Array]:
     """Index [N] of the largest component of unit quaternions [N, 4], and the others [N, 3] where it is positive."""
     largest = np.abs(quats).argmax(axis=1)  # [N]

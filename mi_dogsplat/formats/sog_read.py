@@ -1,4 +1,10 @@
-"""Reading SOG: a bundle (.sog) or a folder of pictures beside their meta.json; ``sog.py`` tells the layout."""
+"""Reading SOG: a bundle (.sog) or a folder of pictures beside their meta.json; ``sog.py`` tells the layout.
+
+Version 1, whose meta.json names no version, has no tables: its codes are shares between bounds, ``mins`` and ``maxs``.
+Those of scales and of ``sh0`` are of each channel, where the fourth is the logit of the opacity; those of ``shN`` are
+of all coefficients. The number of primitives is that of ``shape``, and the width of the palette's picture tells the SH
+degree. Facts: the reader of github.com/playcanvas/splat-transform (MIT).
+"""
 
 from __future__ import annotations
 
@@ -26,6 +32,7 @@ FIRST_TAG = 252
 PER_ROW = 64  # entries of the palette
 META = "meta.json"
 SH_SIZES = (0, 3, 8, 15)  # coefficients by ``bands``, without the first
+VERSIONS = (1, 2)  # that are read
 NUMBERS = 14  # of a primitive without ``rest``; a code each, as the bytes of SPZ are counted
 
 
@@ -35,9 +42,8 @@ def read(path: Path) -> Model:
         if zipfile.is_zipfile(path):
             size = path.stat().st_size
             with zipfile.ZipFile(path) as bundle:
-                if META not in bundle.namelist():
-                    raise DataError(path, f"is a ZIP file without {META}, and so no SOG model", "give another file")
-                return _read(path, size, lambda name: _unpacked(path, size, bundle, name))
+                folder = _folder_of_meta(path, bundle.namelist())
+                return _read(path, size, lambda name: _unpacked(path, size, bundle, folder + name))
         if path.suffix.lower() == ".sog":
             raise DataError(path, "is no SOG model: it is no ZIP file, or a part of one", DAMAGED)
         files = _Folder(path)
@@ -52,6 +58,16 @@ def read(path: Path) -> Model:
     ) as error:  # fmt: skip
         problem = f"is no SOG model ({type(error).__name__}: {error})"
         raise DataError(path, problem, DAMAGED) from error
+
+
+def _folder_of_meta(path: Path, names: list[str]) -> str:
+    """The folder of a ZIP file in which its model lies, with a slash; empty: not in one. Raises ``DataError``."""
+    inside = [name.removesuffix(META) for name in names if name.split("/")[-1] == META and name.count("/") < 2]
+    if not inside:
+        raise DataError(path, f"is a ZIP file without {META}, and so no SOG model", "give another file")
+    if "" not in inside and len(inside) > 1:
+        raise DataError(path, f"is a ZIP file of several models: {', '.join(inside)}", f"unpack it and give one {META}")
+    return min(inside, key=len)
 
 
 def files_beside(path: Path) -> list[Path]:
@@ -90,11 +106,13 @@ class _Folder:
 
 def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
     meta = parse_json(content(META).decode("utf-8-sig"))  # editors of Windows begin a file with a mark
-    if meta.get("version") != 2:
-        raise DataError(path, f"is SOG of version {meta.get('version', 1)}", "convert it to version 2")
-    n = meta["count"]
+    version = meta.get("version", 1)
+    if version not in VERSIONS:
+        raise DataError(path, f"is SOG of version {version}", "convert it to version 2")
+    first = version == 1
+    n = meta["means"]["shape"][0] if first else meta["count"]
     if not isinstance(n, int) or isinstance(n, bool) or n < 0:
-        raise ValueError(f'"count" is {n}')
+        raise ValueError(f"its number of primitives is {n}")
 
     def picture(part: str, which: int = 0) -> Array:
         """[H, W, 4]"""
@@ -107,26 +125,35 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
             raise ValueError(f'{counted(n, "primitive")}, but a picture of "{part}" has {len(found)} pixels')
         return found[:n]
 
-    rest = SH_SIZES[meta["shN"].get("bands", 3)] if "shN" in meta else 0
+    def values(part: str, codes: Array, ends: int | None = None) -> Array:
+        """What the codes of a part stand for; ``ends``: how many bounds version 1 has, None for one in all."""
+        if not first:
+            return _table(meta[part]["codebook"])[codes]
+        low, high = (_numbers([meta[part][end]] if ends is None else meta[part][end], ends) for end in ("mins", "maxs"))
+        used = slice(codes.shape[-1])
+        return low[used] + (high[used] - low[used]) * codes / 255
+
+    palette = picture("shN")[..., :3] if "shN" in meta else np.zeros((0, 0, 3), np.uint8)  # [rows, PER_ROW (K - 1), 3]
+    rest = SH_SIZES[meta["shN"].get("bands", 3)] if "shN" in meta and not first else palette.shape[1] // PER_ROW
+    if rest not in SH_SIZES:
+        raise ValueError(f'a picture of "shN" is {palette.shape[1]} pixels wide')
     require_proportion(path, n * (NUMBERS + 3 * rest), size)
     low, high = (_numbers(meta["means"][end], 3) for end in ("mins", "maxs"))
     logs = low + (high - low) * (pixels("means", 0)[:, :3] + 256.0 * pixels("means", 1)[:, :3]) / 65535
     quats, sh0 = pixels("quats"), pixels("sh0")
     if n and quats[:, 3].min() < FIRST_TAG:
         raise ValueError("a quaternion names no component as its largest")
-    sh = _table(meta["sh0"]["codebook"])[sh0[:, :3]][:, None]  # [N, 1, 3]
-    if "shN" in meta:
-        entry = picture("shN")[..., :3]  # [rows, PER_ROW (K - 1), 3]
-        entry = entry.reshape(-1, rest, 3) if entry.shape[1] == PER_ROW * rest else entry[:0]
+    sh = values("sh0", sh0[:, :3], 4)[:, None]  # [N, 1, 3]
+    if rest:
+        entry = palette.reshape(-1, rest, 3) if palette.shape[1] == PER_ROW * rest else palette[:0]
         label = pixels("shN", 1).astype(np.int64)
-        table = _table(meta["shN"]["codebook"])
-        sh = np.concatenate([sh, table[entry[label[:, 0] + 256 * label[:, 1]]].reshape(n, rest, 3)], axis=1)
+        sh = np.concatenate([sh, values("shN", entry[label[:, 0] + 256 * label[:, 1]]).reshape(n, rest, 3)], axis=1)
     wxyz = from_smallest_three(quats[:, 3].astype(np.int64) - FIRST_TAG, (quats[:, :3] / 127.5 - 1) / SQRT2)
     splats = Splats(
         means=np.sign(logs) * np.expm1(np.abs(logs)),
-        log_scales=_table(meta["scales"]["codebook"])[pixels("scales")[:, :3]],
+        log_scales=values("scales", pixels("scales")[:, :3], 3),
         quats=wxyz[:, XYZW_FROM_WXYZ],
-        logit_opacities=logits(sh0[:, 3] / 255),
+        logit_opacities=values("sh0", sh0, 4)[:, 3] if first else logits(sh0[:, 3] / 255),
         sh_coeffs=sh,
     )
     antialias = value_of("antialiased", meta.get("antialias"))

@@ -58,6 +58,8 @@ def unwrapped(path: Path, data: bytes) -> Payload:
     try:
         inflate = zlib.decompressobj(16 + zlib.MAX_WBITS)
         head = inflate.decompress(data, HEADER.size)
+        if head[:3] == b"ply":
+            raise DataError(path, "is a PLY that was packed with gzip", "unpack it")
         magic, version, n, degree, bits, flags, _ = HEADER.unpack(head)
         _check(path, magic, version, degree, (1, 2, 3))
         sizes = attribute_sizes(version, degree)

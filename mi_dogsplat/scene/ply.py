@@ -15,8 +15,9 @@ that there is (uint index, float f_rest_*, channel-major as in ``vertex``), one 
 
 Read as well: ASCII, big-endian, any scalar types, columns in any order, extra columns and elements, files without
 normals (gsplat), SH degree 0..3, opacities of 0 and 1 and scales of 0 (logits of ±∞ and logarithms of -∞, which become
-finite), the method authors' layout (dog_* as columns of ``vertex``: all are DoG), and Mip-Splatting's column filter_3D,
-which widens its primitive (``filter_3d.py``).
+finite), the method authors' layout (dog_* as columns of ``vertex``: all are DoG), colours as red, green and blue in
+place of f_dc_* (nerfstudio without view-dependent colour), and Mip-Splatting's column filter_3D, which widens its
+primitive (``filter_3d.py``).
 """
 
 from __future__ import annotations
@@ -34,10 +35,11 @@ from ..support.files import write_bytes
 from ..support.wording import counted
 from .filter_3d import filtered
 from .opacity import LARGEST_LOGIT
-from .ply_tables import NOT_3DGS, TableReader, check_finite
+from .ply_tables import NOT_3DGS, RGB, TableReader, check_finite, in_unit
 from .quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ
 from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SHIFTS, SLOPES, Array, RowGroup, in_several
 from .scales import SMALLEST_LOG_SCALE
+from .sh_basis import C0
 from .splats import Splats
 
 _POSITION = ("x", "y", "z")
@@ -93,7 +95,7 @@ def _read_model(reader: TableReader) -> Splats:
         reader.fail(f"{n_rest} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45", NOT_3DGS)
 
     means = reader.columns(vertex, "vertex", _POSITION)  # [N, 3]
-    dc = reader.columns(vertex, "vertex", _DC)  # [N, 3]
+    dc = _read_dc(reader, vertex)  # [N, 3]
     rest = _by_coefficient(reader.columns(vertex, "vertex", _rest_names(n_rest)))  # [N, K-1, 3]
     logit_opacities = reader.columns(vertex, "vertex", ("opacity",), -LARGEST_LOGIT, LARGEST_LOGIT)[:, 0]  # [N]
     log_scales = reader.columns(vertex, "vertex", _SCALE, SMALLEST_LOG_SCALE)  # [N, 3]
@@ -114,6 +116,14 @@ def _read_model(reader: TableReader) -> Splats:
         **_read_of_some(reader, tables, len(means)),
         **_read_sh_groups(reader, tables, len(means), n_rest),
     )
+
+
+def _read_dc(reader: TableReader, vertex: Array) -> Array:
+    """Columns f_dc_* [N, 3], or those that red, green and blue stand for where a file has these in their place."""
+    names = vertex.dtype.names or ()
+    if _DC[0] in names or not set(RGB) <= set(names):
+        return reader.columns(vertex, "vertex", _DC)
+    return (in_unit(reader.columns(vertex, "vertex", RGB), reader.codes["vertex"][RGB[0]]) - 0.5) / C0
 
 
 def _read_dog(reader: TableReader, tables: dict[str, Array], n_splats: int) -> tuple[Array, Array]:

@@ -27,6 +27,8 @@ _TYPES = {
 }  # fmt: skip
 _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
 _MAX_HEADER_BYTES = 1 << 20  # real headers have 1-2 kB
+RGB = ("red", "green", "blue")
+MAX_COLOR = 65535  # of the widest integers that colours are written in
 _NAMED = 4  # elements in the words about a file that is too short, so that they stay a line
 
 NOT_3DGS = "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*"
@@ -205,6 +207,18 @@ def check_finite(path: Path, element: str, names: tuple[str, ...], values: Array
         count = finite.size - np.count_nonzero(finite)
         first = f'first "{names[column]}" in row {row} of the element "{element}"'
         raise DataError(path, f"has values that are not finite: {count}, the {first}", remedy)
+
+
+def in_unit(colors: Array, code: str) -> Array:
+    """Colours [count, 3] of the columns ``RGB`` as float32 in 0..1; ``code`` is NumPy's of such a column in the header.
+
+    Integer columns hold 0..255, or those of 16 bits 0..65535; floats hold 0..1, or 0..255. ASCII files are seen whose
+    header says uchar and whose numbers are fractions.
+    """
+    brightest = colors.max(initial=0)
+    whole = code[0] != "f" and np.array_equal(colors, np.rint(colors))
+    full = MAX_COLOR if brightest > 255 else 255 if whole or brightest > 1 else 1
+    return (colors / full).astype(np.float32)
 
 
 def _remedy(element: str) -> str:

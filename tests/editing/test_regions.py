@@ -62,7 +62,8 @@ def test_two_at_one_place_touch():
     assert largest_parts(splats, 1).tolist() == [True, True, False]
 
 
-def test_one_that_is_larger_than_float32_can_say_touches_all():
+@pytest.mark.parametrize("log_scale", [90, 1e4, 3e38])
+def test_one_that_is_larger_than_float32_can_say_touches_all(log_scale):
     splats = rounded(make_splats([[0, 0, 0], [30, 0, 0], [60, 0, 0]], 0.1))
-    splats.log_scales[0] = 90
+    splats.log_scales[0] = log_scale
     assert largest_parts(splats, 1).all()

@@ -152,6 +152,16 @@ def test_what_is_not_needed_is_not_merged_into_what_is_seen(tmp_path):
     assert quality(few, seen) > quality(read_ply(tmp_path / "seen_few.ply"), seen) - 1
 
 
+@pytest.mark.parametrize("log_scale", [200, 1e4, 3e38])
+def test_one_of_any_size_is_merged_with_the_others(tmp_path, log_scale):
+    """A training that went wrong leaves one whose variance, or the product of whose variances, no float64 can say."""
+    exploded = surface(60)
+    exploded.log_scales[7] = log_scale
+    write_ply(tmp_path / "model.ply", exploded)
+    simplify_model(tmp_path / "model.ply", tmp_path / "few.ply", SimplifyConfig(target="30", steps=0, **FAST))
+    assert read_ply(tmp_path / "few.ply").n_splats == 30
+
+
 def test_the_unit_of_radiance_does_not_matter(tmp_path):
     """What is merged goes by differences of colours, which are as large as the white is."""
     found = {}

@@ -1,5 +1,6 @@
 """What a file is: by its content before its name, in the dialects and with the comments that other programs write."""
 
+import gzip
 import zipfile
 
 import foreign_model
@@ -73,6 +74,37 @@ def test_a_compressed_ply_is_one_after_long_comments(tmp_path):
     expected = read_model(path).splats
     path.write_bytes(path.read_bytes().replace(b"element chunk", b"comment licence\n" * 1000 + b"element chunk", 1))
     assert np.array_equal(read_model(path).splats.means, expected.means)
+
+
+def test_coefficients_of_a_compressed_ply_go_by_the_names_of_their_columns(tmp_path):
+    path = written(tmp_path / "a.compressed.ply", foreign_model.model())
+    expected = read_model(path).splats.sh_coeffs
+    header, data = path.read_bytes().split(b"end_header\n", 1)
+    lines = header.splitlines()
+    count = sum(line.startswith(b"property uchar f_rest_") for line in lines)  # they come last
+    sh = np.frombuffer(data[-foreign_model.N * count :], np.uint8).reshape(foreign_model.N, count)
+    order = np.random.default_rng(0).permutation(count)
+    named = [lines[len(lines) - count + k] for k in order]
+    rows = np.concatenate([sh[:, :1], sh[:, order]], axis=1)
+    mixed = b"\n".join([*lines[: len(lines) - count], b"property uchar of_others", *named, b"end_header\n"])
+    path.write_bytes(mixed + data[: -foreign_model.N * count] + rows.tobytes())
+    assert np.array_equal(read_model(path).splats.sh_coeffs, expected)
+
+
+@pytest.mark.parametrize("content", [
+    '{"frames": [{"file_path": "1.png"}]}', '{"lodLevels": 2, "filenames": ["0_0/meta.json"], "tree": {}}', "{}",
+])  # fmt: skip
+def test_a_json_of_something_else_is_not_taken_for_a_gltf_without_gaussians(tmp_path, content):
+    (tmp_path / "other.json").write_text(content)
+    with pytest.raises(DataError, match=r"other\.json: is neither a glTF nor the meta\.json of a SOG; give the file"):
+        read_model(tmp_path / "other.json")
+
+
+def test_a_ply_that_was_packed_with_gzip_is_to_be_unpacked(tmp_path):
+    path = written(tmp_path / "a.ply", foreign_model.model())
+    (tmp_path / "a.ply.gz").write_bytes(gzip.compress(path.read_bytes()))
+    with pytest.raises(DataError, match=r"a\.ply\.gz: is a PLY that was packed with gzip; unpack it"):
+        read_model(tmp_path / "a.ply.gz")
 
 
 @pytest.mark.parametrize("start", [b"{", b" {", b"\x1f\x8b"])

@@ -170,10 +170,11 @@ def test_places_farther_apart_than_float32_can_say_are_written(tmp_path, suffix)
 
 @pytest.mark.parametrize("suffix", FORMATS)
 @pytest.mark.parametrize("value", [1e37, float(np.finfo(np.float32).max), -float(np.finfo(np.float32).max)])
-def test_numbers_at_the_end_of_float32_are_written_without_a_warning(tmp_path, suffix, value):
+@pytest.mark.parametrize("sizes", [4, slice(None)])  # of one, and of all, by which some formats choose their grids
+def test_numbers_at_the_end_of_float32_are_written_without_a_warning(tmp_path, suffix, value, sizes):
     model, path = foreign_model.model(), tmp_path / f"model{suffix}"
     before = model.opacities.copy()
-    model.sh_coeffs[2], model.log_scales[4] = value, value
+    model.sh_coeffs[2], model.log_scales[sizes] = value, value
     write_model(path, model)
     assert np.allclose(np.sort(read_model(path).splats.opacities), np.sort(before), atol=1 / 255)
 

@@ -7,7 +7,7 @@ from mi_dogsplat.scene.row_groups import CUTS, RowGroup
 from mi_dogsplat.scene.splats import Splats
 
 DOG = ["dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2"]
-CODES = {"float": "f4", "float32": "f4", "double": "f8", "uint": "u4", "int": "i4", "uchar": "u1"}
+CODES = {"float": "f4", "float32": "f4", "double": "f8", "uint": "u4", "int": "i4", "uchar": "u1", "ushort": "u2"}
 
 
 def random_splats(n=7, sh_degree=3, dog_index=(0, 3, 4), seed=0) -> Splats:

@@ -55,6 +55,19 @@ def test_the_3d_filter_of_mip_splatting_makes_the_same_of_a_model(addon, tmp_pat
         assert not np.array_equal(getattr(got, field), getattr(splats, field)), field
 
 
+@pytest.mark.parametrize("code", ["uchar", "ushort", "float"])
+def test_colours_in_place_of_coefficients_make_the_same_of_a_model(addon, tmp_path, code):
+    splats = ply_files.random_splats(sh_degree=0, dog_index=())
+    full = {"uchar": 255, "ushort": 65535, "float": 1}[code]
+    levels = np.linspace(0, full, 21).reshape(7, 3)
+    columns = ply_files.vertex_columns(splats) | dict(zip(("red", "green", "blue"), levels.T, strict=True))
+    columns = {name: values for name, values in columns.items() if not name.startswith("f_dc")}
+    types = dict.fromkeys(("red", "green", "blue"), code)
+    path = ply_files.write(tmp_path, ply_files.to_bytes({"vertex": columns}, types=types))
+    got, wanted = addon("files.ply").read_ply(path), read_ply(path)
+    np.testing.assert_allclose(got.sh_coeffs, wanted.sh_coeffs, atol=1e-6)
+
+
 def test_slopes_of_srgb_values_become_those_of_radiance_to_first_order(addon):
     """Oracle: the curve at the colours of places near the centre of each primitive."""
     splats = with_slopes(random_splats(30, seed=7, degree=0), every=1)

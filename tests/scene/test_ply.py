@@ -193,6 +193,23 @@ def test_the_3d_filter_of_mip_splatting_widens_primitives_and_makes_them_fainter
     same(read_ply(tmp_path / "b.ply"), read)
 
 
+@pytest.mark.parametrize(("code", "full"), [("uchar", 255), ("ushort", 65535), ("float", 1)])
+def test_colours_in_place_of_coefficients_are_read(tmp_path, code, full):
+    """As nerfstudio writes a model without view-dependent colour; where both are there, coefficients count."""
+    splats = random_splats(sh_degree=0, dog_index=())
+    shares = np.linspace(0, 1, 21).reshape(7, 3)
+    levels = shares if full == 1 else np.round(shares * full)
+    columns = {name: values for name, values in vertex_columns(splats).items() if not name.startswith("f_dc")}
+    columns |= dict(zip(("red", "green", "blue"), levels.T, strict=True))
+    types = dict.fromkeys(("red", "green", "blue"), code)
+    for file_format in ("binary_little_endian", "binary_big_endian", "ascii"):
+        read = read_ply(write(tmp_path, to_bytes({"vertex": columns}, file_format, types)))
+        colors = 0.5 + 0.28209479177387814 * read.sh_coeffs[:, 0]
+        assert colors == pytest.approx(levels / full, abs=1e-6) and read.sh_degree == 0
+    both = {"vertex": vertex_columns(splats) | columns}
+    same(read_ply(write(tmp_path, to_bytes(both, types=types))), splats)
+
+
 def test_opacities_of_zero_and_one_are_read_as_almost_that(tmp_path):
     """Logits of ±∞, in either layout of DoG."""
     splats = random_splats(dog_index=range(7))
