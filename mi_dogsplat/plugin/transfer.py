@@ -60,7 +60,7 @@ def emitted(colors: list[mi.Float], T: mi.Float, linear: bool) -> list[mi.Float]
     coverage = 1 - T
     some = abs(coverage) > 1e-6
     inverse = dr.rcp(dr.select(some, coverage, 1))
-    means = [dr.select(some, dr.clip(c * inverse, 0, dr.maximum(1, dr.detach(c))), 0) for c in colors]
+    means = [dr.select(some, dr.clip(c * inverse, 0, dr.maximum(1, c)), 0) for c in colors]
     rests = [dr.fma(-coverage, mean, c) for c, mean in zip(colors, means, strict=True)]
     of_means, of_rests = srgb_to_linear(means), srgb_to_linear(rests)
     return [dr.fma(coverage, mean, rest) for mean, rest in zip(of_means, of_rests, strict=True)]
