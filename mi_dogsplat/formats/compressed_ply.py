@@ -108,13 +108,10 @@ def read(path: Path) -> Model:
     three = (_unpacked(rotation, BITS_OF_ROTATION) - 0.5) * SQRT2
     sh = ((colors - 0.5) / C0)[:, None]  # [N, 1, 3]
     if "sh" in tables:
-        n_rest = sum(name.startswith("f_rest_") for name in tables["sh"].dtype.names or ())
-        if n_rest not in (0, 9, 24, 45):
-            reader.fail(f"{n_rest} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45")
-        raw = reader.columns(tables["sh"], "sh", tuple(f"f_rest_{i}" for i in range(n_rest)))  # [N, 3 (K - 1)]
+        raw = reader.rest_columns(tables["sh"], "sh")  # [N, 3 (K - 1)]
         middle = np.where(raw == 0, 0, np.where(raw == 255, 1, (raw + 0.5) / 256))
         rest = (middle - 0.5) * SH_RANGE
-        sh = np.concatenate([sh, rest.reshape(n, 3, n_rest // 3).transpose(0, 2, 1)], axis=1)
+        sh = np.concatenate([sh, rest.reshape(n, 3, rest.shape[1] // 3).transpose(0, 2, 1)], axis=1)
     splats = Splats(
         means=between(0, "packed_position", BITS_OF_POSITION),
         log_scales=between(1, "packed_scale", BITS_OF_POSITION),

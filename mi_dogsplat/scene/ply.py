@@ -35,7 +35,7 @@ from ..support.files import write_bytes
 from ..support.wording import counted
 from .filter_3d import filtered
 from .opacity import LARGEST_LOGIT
-from .ply_tables import NOT_3DGS, RGB, TableReader, check_finite, in_unit
+from .ply_tables import N_REST, NOT_3DGS, RGB, TableReader, check_finite, in_unit, rest_names
 from .quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ
 from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SHIFTS, SLOPES, Array, RowGroup, in_several
 from .scales import SMALLEST_LOG_SCALE
@@ -49,7 +49,6 @@ _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _FILTER = ("filter_3D",)
-_N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 _NOT_WRITTEN = "nothing was written; remove those primitives or train with smaller steps"
 _SH_ELEMENTS = {degree: f"sh{degree}" for degree in SH}
 _OF_SOME = {
@@ -90,13 +89,10 @@ def _read_model(reader: TableReader) -> Splats:
     if "vertex" not in tables:
         reader.fail('there is no element "vertex"', NOT_3DGS)
     vertex = tables["vertex"]
-    n_rest = sum(name.startswith("f_rest_") for name in vertex.dtype.names or ())
-    if n_rest not in _N_REST:
-        reader.fail(f"{n_rest} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45", NOT_3DGS)
-
+    flat_rest = reader.rest_columns(vertex, "vertex", NOT_3DGS)  # [N, 3 (K - 1)]
     means = reader.columns(vertex, "vertex", _POSITION)  # [N, 3]
     dc = _read_dc(reader, vertex)  # [N, 3]
-    rest = _by_coefficient(reader.columns(vertex, "vertex", _rest_names(n_rest)))  # [N, K-1, 3]
+    rest = _by_coefficient(flat_rest)  # [N, K-1, 3]
     logit_opacities = reader.columns(vertex, "vertex", ("opacity",), -LARGEST_LOGIT, LARGEST_LOGIT)[:, 0]  # [N]
     log_scales = reader.columns(vertex, "vertex", _SCALE, SMALLEST_LOG_SCALE)  # [N, 3]
     if _FILTER[0] in (vertex.dtype.names or ()):
@@ -114,7 +110,7 @@ def _read_model(reader: TableReader) -> Splats:
         dog_logit_opacities=dog[:, 0],
         dog_log_scales=dog[:, 1:],
         **_read_of_some(reader, tables, len(means)),
-        **_read_sh_groups(reader, tables, len(means), n_rest),
+        **_read_sh_groups(reader, tables, len(means), flat_rest.shape[1]),
     )
 
 
@@ -169,7 +165,7 @@ def _read_sh_groups(reader: TableReader, tables: dict[str, Array], n_splats: int
             remedy = "keep f_rest_* in one of the two"
             reader.fail(f'view-dependent colour both in the element "vertex" and in the element "{element}"', remedy)
         index, order = _read_index(reader, tables[element], element, n_splats, f"primitive of degree {degree}")
-        rest = reader.columns(tables[element], element, _rest_names(_N_REST[degree]))
+        rest = reader.columns(tables[element], element, rest_names(N_REST[degree]))
         (name,) = SH[degree].names
         groups |= {SH[degree].index: index, name: _by_coefficient(rest)[order]}
     indices = [values for name, values in groups.items() if name.endswith("_index")]
@@ -224,7 +220,7 @@ def write_ply(
         splats = splats.uniform_sh()
     n = splats.n_splats
     rest = _by_channel(splats.sh_coeffs[:, 1:])
-    names = (*_POSITION, *_NORMAL, *_DC, *_rest_names(rest.shape[1]), "opacity", *_SCALE, *_ROTATION)
+    names = (*_POSITION, *_NORMAL, *_DC, *rest_names(rest.shape[1]), "opacity", *_SCALE, *_ROTATION)
     columns = [
         splats.means,
         np.zeros((n, 3)),
@@ -260,7 +256,7 @@ def _groups_of(splats: Splats) -> Iterator[tuple[str, tuple[str, ...], Array, Ar
     for degree, element in _SH_ELEMENTS.items():
         (name,) = SH[degree].names
         rest = _by_channel(getattr(splats, name))
-        yield element, _rest_names(_N_REST[degree]), getattr(splats, SH[degree].index), rest
+        yield element, rest_names(N_REST[degree]), getattr(splats, SH[degree].index), rest
 
 
 def rows_save(degrees: Array) -> int:
@@ -272,10 +268,10 @@ def rows_save(degrees: Array) -> int:
         return 0
     counts = {degree: np.count_nonzero(degrees == degree) for degree in SH}
     highest = max((degree for degree, n in counts.items() if n), default=0)
-    padded = _header_of_rest(highest) + 4 * _N_REST[highest] * len(degrees)
+    padded = _header_of_rest(highest) + 4 * N_REST[highest] * len(degrees)
     rows = sum(
         len(f"element {_SH_ELEMENTS[degree]} {n}\nproperty uint index\n") + _header_of_rest(degree)
-        + 4 * (1 + _N_REST[degree]) * n
+        + 4 * (1 + N_REST[degree]) * n
         for degree, n in counts.items() if n
     )  # fmt: skip
     return padded - rows
@@ -283,7 +279,7 @@ def rows_save(degrees: Array) -> int:
 
 def _header_of_rest(degree: int) -> int:
     """Bytes of the lines for f_rest_*."""
-    return sum(len(f"property float {name}\n") for name in _rest_names(_N_REST[degree]))
+    return sum(len(f"property float {name}\n") for name in rest_names(N_REST[degree]))
 
 
 def _rows(index: Array, values: Array) -> bytes:
@@ -315,7 +311,3 @@ def _columns_of(splats: Splats, group: RowGroup, columns: tuple[str, ...]) -> tu
 def _numbered(column: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     """Names of the columns that hold a row of this shape, the last axis fastest."""
     return tuple(f"{column}_{i}" for i in range(math.prod(shape)))
-
-
-def _rest_names(n_rest: int) -> tuple[str, ...]:
-    return tuple(f"f_rest_{i}" for i in range(n_rest))

@@ -28,6 +28,7 @@ _TYPES = {
 _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
 _MAX_HEADER_BYTES = 1 << 20  # real headers have 1-2 kB
 RGB = ("red", "green", "blue")
+N_REST = (0, 9, 24, 45)  # properties f_rest_* by SH degree: 3 (K - 1)
 MAX_COLOR = 65535  # of the widest integers that colours are written in
 _NAMED = 4  # elements in the words about a file that is too short, so that they stay a line
 
@@ -125,6 +126,13 @@ class TableReader:
             check_finite(self.path, element, names, out, NOT_FINITE if element == "vertex" else _DAMAGED)
         return out
 
+    def rest_columns(self, table: Array, element: str, remedy: str = _DAMAGED) -> Array:
+        """The columns f_rest_* of a table, as ``columns`` has them, [count, 3 (K - 1)], of SH degree 0 to 3."""
+        n_rest = sum(name.startswith("f_rest_") for name in table.dtype.names or ())
+        if n_rest not in N_REST:
+            self.fail(f"{n_rest} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45", remedy)
+        return self.columns(table, element, rest_names(n_rest))
+
     def _header(self) -> tuple[str, list[_Element]]:
         """The format name and all elements; leaves the file at the first byte of data."""
         if self.size == 0:
@@ -207,6 +215,11 @@ def check_finite(path: Path, element: str, names: tuple[str, ...], values: Array
         count = finite.size - np.count_nonzero(finite)
         first = f'first "{names[column]}" in row {row} of the element "{element}"'
         raise DataError(path, f"has values that are not finite: {count}, the {first}", remedy)
+
+
+def rest_names(n_rest: int) -> tuple[str, ...]:
+    """Of the coefficients beyond degree 0, channel by channel."""
+    return tuple(f"f_rest_{i}" for i in range(n_rest))
 
 
 def in_unit(colors: Array, code: str) -> Array:

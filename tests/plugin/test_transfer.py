@@ -7,18 +7,15 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.plugin.transfer import emitted
-
-
-def linear_of(c: float) -> float:
-    """IEC 61966-2-1, not clamped."""
-    return c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4
+from splat_scenes import to_linear
 
 
 def twin(c: float, T: float) -> float:
     """``emitted`` of an sRGB colour in float64, for a coverage that is not zero."""
     a = 1 - T
     mean = min(max(c / a, 0), max(1, c))
-    return a * linear_of(mean) + linear_of(c - a * mean)
+    of_mean, of_rest = to_linear(np.array([mean, c - a * mean]))
+    return a * of_mean + of_rest
 
 
 @pytest.mark.parametrize("T", [0.05, 0.35, 0.8, 1.4])
