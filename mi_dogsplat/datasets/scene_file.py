@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
@@ -80,14 +80,14 @@ def shows_splats(path: Path) -> bool:
     return n_splats > 0 and bool(integrators & SPLATTING)
 
 
-def warn_of_unseen_splats(path: Path) -> None:
+def warn_of_unseen_splats(path: Path, defined: Mapping[str, str] | None = None) -> None:
     """Warn of ``dog`` shapes in a scene whose integrator does not know splats and leaves them out without a word.
 
-    The scene is read, not loaded. Raises ``DataError``.
+    The scene is read, not loaded. ``defined``: values of its parameters by their names. Raises ``DataError``.
     """
     import mitsuba as mi
 
-    n_splats, integrators = _splats_and_integrators(path)
+    n_splats, integrators = _splats_and_integrators(path, defined)
     if n_splats and integrators and not integrators & SPLATTING:
         log: Any = mi.Log
         unseen = counted(n_splats, "dog shape")
@@ -107,22 +107,22 @@ def files_read(path: Path) -> tuple[list[Path], dict[str, Path]]:
     return [Path(str(file)) for file in state.files], {text: file for text, file in found.items() if file.is_file()}
 
 
-def _splats_and_integrators(path: Path) -> tuple[int, set[str]]:
+def _splats_and_integrators(path: Path, defined: Mapping[str, str] | None = None) -> tuple[int, set[str]]:
     """(number of ``dog`` shapes, plugins of the integrators, nested ones included) of a scene. Raises ``DataError``."""
     import mitsuba as mi
 
-    plugins = [(node.type, node.props.plugin_name()) for node in _parsed(path).nodes]
+    plugins = [(node.type, node.props.plugin_name()) for node in _parsed(path, defined).nodes]
     n_splats = plugins.count((mi.ObjectType.Shape, "dog"))
     return n_splats, {name for kind, name in plugins if kind == mi.ObjectType.Integrator}
 
 
-def _parsed(path: Path) -> Any:
+def _parsed(path: Path, defined: Mapping[str, str] | None) -> Any:
     """What Mitsuba's parser makes of a scene. Raises ``DataError``."""
     import mitsuba as mi
 
     config = _parser_config(path)
     with _finding_files(path):
-        return mi.parser.parse_file(config, str(path))
+        return mi.parser.parse_file(config, str(path), **(defined or {}))
 
 
 def _parser_config(path: Path) -> Any:

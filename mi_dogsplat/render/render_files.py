@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
-from ..datasets.scene_file import warn_of_unseen_splats
 from ..engine.aovs import read_names
 from ..formats.read import read_model
-from ..plugin.denoising import AOV, CHANNELS
-from ..plugin.film import pixel_format_of
 from ..scene.appearance import read_appearance
-from ..support.errors import DataError, interruptible, writing
+from ..support.errors import DataError, writing
 from ..support.files import replacing
 from ..support.pictures import without_aovs, write_channels, write_exr, write_png
-from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.srgb import linear_to_srgb
-from ..support.threads import threads_to_load
 from ..support.variants import require_arrays, require_variant
-from .denoise import denoised, require_denoiser
 from .picture import Picture, as_taken, picture_of, premultiplied
 from .picture_options import PictureOptions
+from .scene_picture import picture_of_scene
 from .viewpoint import viewpoint
 
 SUFFIXES = (".png", ".exr", ".npz")
@@ -87,39 +81,26 @@ def render_scene(
     on_pass: Callable[[int, int], None] | None = None,
     drawing: AbstractContextManager[None] | None = None,
     denoise: bool = False,
+    sensor: int = 0,
+    defined: Mapping[str, str] | None = None,
 ) -> None:
-    """Render the first sensor of a Mitsuba scene with the scene's own integrator.
+    """Render what a sensor of a Mitsuba scene sees, with the scene's own integrator.
 
     OpenEXR holds linear radiance and every channel of the film, PNG the colour as sRGB. Raises ``DataError``,
     also for what Mitsuba has to say about the scene.
 
     Args:
-        path: the scene, .xml.
+        path, spp, on_pass, denoise, sensor, defined: as of ``picture_of_scene``.
         out: the picture.
-        spp: samples per pixel; 0 is what the scene says.
-        on_pass: called with the number of samples that each pixel has, and that of all, by integrators that splat.
         drawing: entered while Mitsuba loads and draws, and left before the picture is written.
-        denoise: the picture of an integrator ``dogpath``, see ``denoise.py``.
     """
     require_variant()
     path, out = Path(path), Path(out)
     require_suffix(out)
     if out.suffix.lower() == ".npz":
         raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
-    if spp < 0:
-        raise DataError("--spp", f"{spp} samples per pixel are not possible", "give 1 or more")
-    if not path.is_file():
-        raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
-    if denoise:
-        require_denoiser("--denoise")
-    file = as_mitsuba_reads(path)
-    try:
-        with drawing or nullcontext():
-            bitmap = _drawn(file, spp, on_pass, denoise)
-    except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
-        if isinstance(error, DataError):
-            raise
-        raise scene_error(path, error, "Mitsuba cannot render it") from error
+    with drawing or nullcontext():
+        bitmap = picture_of_scene(path, spp, on_pass, denoise, sensor, defined)
     if out.suffix.lower() == ".exr":
         planes = np.array(bitmap).reshape(bitmap.height(), bitmap.width(), -1)  # [H, W, channels]
         named = {field.name: planes[..., k] for k, field in enumerate(bitmap.struct_())}
@@ -132,45 +113,6 @@ def render_scene(
         raise DataError(path, "its render holds NaN", "correct the scene, or write .exr to see where they are")
     with writing(out):
         write_png(out, linear_to_srgb(linear))
-
-
-def _drawn(file: str, spp: int, on_pass: Callable[[int, int], None] | None, denoise: bool) -> Any:
-    """What the first sensor of a scene sees, a ``mi.Bitmap``, whose type stubs lack what is used of it."""
-    from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
-
-    with threads_to_load():
-        scene = mi.load_file(file)
-    if not isinstance(scene, mi.Scene):
-        raise RuntimeError("its root is no scene")
-    if not scene.sensors():
-        raise RuntimeError("it has no sensor")
-    integrator = scene.integrator()
-    if integrator is None:
-        raise RuntimeError("it has no integrator")
-    if isinstance(integrator, SplatIntegrator):
-        integrator.on_pass = on_pass
-    else:
-        warn_of_unseen_splats(Path(file))
-    film = scene.sensors()[0].film()
-    if denoise:
-        _ask_for_guides(integrator, film)
-    with interruptible():
-        image = mi.render(scene, spp=spp)
-    if not denoise:
-        return film.bitmap()
-    names = integrator.aov_names()
-    kept = [*"RGBA"[: image.shape[-1] - len(names)], *(name for name in names if name not in CHANNELS)]
-    return mi.Bitmap(denoised(np.array(image), names), mi.Bitmap.PixelFormat.MultiChannel, kept)
-
-
-def _ask_for_guides(integrator: Any, film: mi.Film) -> None:
-    """Of a render that is to be denoised. Raises ``DataError`` where it cannot be."""
-    if AOV not in getattr(integrator, "further_aovs", ()):
-        remedy = 'give the scene <integrator type="dogpath"/>, or leave the flag out'
-        raise DataError("--denoise", "is for the integrator dogpath, and the scene has another", remedy)
-    if (found := pixel_format_of(film)) not in ("rgb", "rgba"):
-        raise DataError("--denoise", f'is for colours, and the film is {found}', 'choose the "pixel_format" rgb')
-    integrator.denoising = True
 
 
 def require_suffix(out: Path) -> None:

@@ -15,6 +15,7 @@ _PLACE = re.compile(
     r"(?:while processing <include>: )?"
 )
 _NO_XML = re.compile(r'Parsing of XML file "(?P<file>.+?)" failed: (?P<said>.+) \(line (?P<line>\d+), col \d+\)$')
+_UNDEFINED = re.compile(r"undefined parameter: \$(?P<name>\w+)")
 _PLUGIN = re.compile(r'failed to instantiate \w+ plugin of type "(?P<type>[^"]+)":\s+(?:\w+: )?')
 
 
@@ -44,6 +45,8 @@ def scene_error(path: Path, error: BaseException, problem: str, remedy: str = "c
         path, place, said = Path(found["file"]), f"line {found['line']}: ", found["said"]
     if (found := _PLUGIN.match(said)) and found["type"] in PLUGINS:
         said = said[found.end() :]
+    if found := _UNDEFINED.match(said):
+        remedy = f'give it a value by <default name="{found["name"]}" value="…"/>, or by the flag -D of dogsplat render'
     if not said.startswith(tuple(f"{name}: " for name in PLUGINS)):
         return DataError(path, f"{place}{problem} ({said})", remedy)
     said = re.sub(rf"^\w+: {re.escape(str(path))}: ", "", said)  # a model alone is named once

@@ -26,8 +26,9 @@ Examples:
   dogsplat render run/point_cloud.ply -o view.png --camera camera.json
   dogsplat render run/point_cloud.ply -o view.exr --aovs depth,normal,index
                                                                       channels depth.Z, normal.X, ... index.I
-  dogsplat render scene.xml -o view.exr                               first sensor of a Mitsuba scene
+  dogsplat render scene.xml -o view.exr                               a Mitsuba scene, by its first sensor
   dogsplat render scene.xml -o view.exr --spp 256                     with more samples per pixel
+  dogsplat render scene.xml -o view.exr -s 1 -D radius=2              another sensor; "$radius" is 2
   dogsplat render lit.xml -o view.png --spp 16 --denoise              with few, smoothed (of dogpath)
 
 A camera file holds {"w2c": 4x4 world to camera (x right, y down, z forward), "fx": pixels, "fy", "cx",
@@ -53,6 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--spp", type=int, default=0, metavar="N", help="samples per pixel of a scene (default: 0, as the scene says)"
     )
     parser.add_argument(
+        "-s", "--sensor", type=int, default=0, metavar="N", help="which sensor of a scene, from 0 (default: 0)"
+    )
+    parser.add_argument(
+        "-D", "--define", action="append", default=[], metavar="NAME=VALUE", help="a parameter, $NAME, of a scene"
+    )
+    parser.add_argument(
         "--denoise", action="store_true", help="smooth the noise of a scene's light paths (Open Image Denoise)"
     )
     add_picture_flags(parser)
@@ -73,15 +80,29 @@ def run(args: argparse.Namespace) -> None:
                 raise DataError(flag, "is for models: a scene says by itself what is drawn, and how", "leave it out")
         # what Mitsuba renders in one piece lets no handler of Python begin: signals end it at once, without a line
         drawing = signals_to(signal.SIG_DFL, *stop_signals())
+        defined = dict(_definition(text) for text in args.define)
         with _bar() as bar:
-            render_scene(args.model, args.out, args.spp, bar.show if bar else None, drawing, args.denoise)
+            on_pass = bar.show if bar else None
+            render_scene(args.model, args.out, args.spp, on_pass, drawing, args.denoise, args.sensor, defined)
     else:
         if args.spp:
             raise DataError("--spp", "a model alone is drawn with one sample", "make a scene .xml for more")
         if args.denoise:
             raise DataError("--denoise", "a model alone has no noise", "leave it out")
+        if args.sensor:
+            raise DataError("--sensor", "a model alone has none", "choose a view by --camera")
+        if args.define:
+            raise DataError("--define", "is for parameters of a scene", "leave it out")
         render_model(args.model, args.out, args.data, args.camera, args.aovs, options, args.appearance)
     print(args.out)
+
+
+def _definition(text: str) -> tuple[str, str]:
+    """(name, value) of ``NAME=VALUE``."""
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise DataError("--define", f'"{text}" is no NAME=VALUE', "give one, as -D spp=16")
+    return name, value
 
 
 def _bar() -> AbstractContextManager[Bar | None]:
