@@ -190,6 +190,7 @@ class DogShape(mi.Mesh):
         shapes = self._shapes()
         n, size = (shapes["means"] or (0,))[0], require_sh_size(shapes["sh_coeffs"])
         if "to_world" in keys or not keys:
+            dr.make_opaque(self.to_world)  # kernels that hold its numbers would be compiled for each frame of a film
             try:
                 matrix = self._matrix()
                 decompose_similarity(matrix)

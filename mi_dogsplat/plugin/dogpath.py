@@ -15,6 +15,7 @@ from ..tracing.tracer import SplatTracer
 from . import denoising
 from .drawn import Drawn, SplattedModel
 from .light_paths import LightPaths, Limits
+from .media import warn_of_media
 from .properties import given
 from .replayed import Replay, radiance
 from .sensor import ViewPass
@@ -96,8 +97,8 @@ class DogPathIntegrator(SplatIntegrator):
     multiple importance sampling, and every segment gathers the splats that it passes: they add their radiance, and
     weaken what lies behind. So surfaces receive shadows and colour from splats, mirrors, rough and glossy materials
     show them, glass bends them, and they hide the light of lamps and of the environment. Shadow rays go on behind what
-    lets light pass straight, in part or whole (masks, thin glass), as those of ``volpath`` do. A scene without other
-    shapes has the picture, the bits and the cost of ``dogsplat``.
+    lets light pass straight, in part or whole (masks, thin glass), as those of ``volpath`` do. Fog and other media are
+    not seen, which a warning says. A scene without other shapes has the picture, the bits and the cost of ``dogsplat``.
 
     **Splats emit.** A captured model brings the light that it was captured in. Lamps of the scene do not change its
     colours, and surfaces do not either, unless ``mesh_shadows`` are asked for. These multiply the radiance of a
@@ -146,6 +147,10 @@ class DogPathIntegrator(SplatIntegrator):
         return len(scene.shapes()) > len(dog_shapes(scene))
 
     averages = sees_surfaces
+
+    def warn_of_unseen(self, scene: mi.Scene) -> None:
+        super().warn_of_unseen(scene)
+        warn_of_media(self.name, scene)
 
     def shown_params(self, scene: mi.Scene, model: SplattedModel, view_pass: ViewPass) -> dict:
         if not (self.mesh_shadows and self.sees_surfaces(scene) and dr.width(model.params["logit_opacities"])):

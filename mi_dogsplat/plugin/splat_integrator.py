@@ -64,7 +64,7 @@ class SplatIntegrator(ADIntegrator):
         self.masks: CameraMasks | None = None
         self.warns = True
         self._sensors, self._last = SensorReader(), LastFrame()
-        self._looked_for_instances = False
+        self._looked_for_unseen = False
         try:
             named = aovs.read_names(given(props, "aovs", str, ""), self.further_aovs)
         except ValueError as error:
@@ -88,6 +88,10 @@ class SplatIntegrator(ADIntegrator):
     def shown_params(self, scene: mi.Scene, model: SplattedModel, view_pass: ViewPass) -> dict:
         """Parameters of the primitives as a view shows them."""
         return model.params
+
+    def warn_of_unseen(self, scene: mi.Scene) -> None:
+        """Warnings of what a scene has and pictures do not show; asked once."""
+        warn_of_instances(self.name, scene)
 
     # --- what Mitsuba calls ---
 
@@ -207,9 +211,9 @@ class SplatIntegrator(ADIntegrator):
 
     def _model(self, scene: mi.Scene) -> SplattedModel:
         shapes = dog_shapes(scene)
-        if self.warns and not self._looked_for_instances:
-            self._looked_for_instances = True
-            warn_of_instances(self.name, scene)
+        if self.warns and not self._looked_for_unseen:
+            self._looked_for_unseen = True
+            self.warn_of_unseen(scene)
         if not shapes:
             raise RuntimeError(f'{self.name}: the scene has no shape of type "dog"')
         params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])

@@ -16,17 +16,19 @@ from ..engine.arrays import while_loop
 class LatestStraight:
     """Whether light passes surfaces of the latest scene straight.
 
-    Scenes are told apart by the identity of the array of their shapes, which is immutable and kept alive here.
+    Scenes are told apart by the identity of the array of their shapes and of the materials of these, which are kept
+    alive here: ``set_bsdf`` of a shape gives it another material.
     """
 
     def __init__(self) -> None:
         self._shapes: Any = None
+        self._materials: list = []
         self._passes = False
 
     def of(self, scene: mi.Scene) -> bool:
-        shapes = scene.shapes_dr()
-        if self._shapes is None or shapes.index != self._shapes.index:
-            self._shapes, self._passes = shapes, lets_straight(scene)
+        shapes, materials = scene.shapes_dr(), [shape.bsdf() for shape in scene.shapes()]
+        if self._shapes is None or shapes.index != self._shapes.index or materials != self._materials:
+            self._shapes, self._materials, self._passes = shapes, materials, lets_straight(scene)
         return self._passes
 
 

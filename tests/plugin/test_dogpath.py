@@ -363,3 +363,17 @@ def test_wrong_parameters_are_refused():
         mi.load_dict({**ALONE, "max_depth": 2.5})
     with pytest.raises(RuntimeError, match="nests no integrator"):
         mi.load_dict({**ALONE, "nested": {"type": "path"}})
+
+
+@pytest.mark.parametrize(("where", "warned"), [("around the sensor", 1), ("in a ball", 1), ("nowhere", 0)])
+def test_media_are_not_seen_and_that_is_said_once(capfd, where, warned):
+    fog = {"type": "homogeneous", "sigma_t": 1.0}
+    ball = {"type": "sphere", "center": [0, 0, 3], "bsdf": {"type": "null"}}
+    sensor = sensor_dict(CAMERA) | ({"medium": fog} if where == "around the sensor" else {})
+    ball |= {"interior": fog} if where == "in a ball" else {}
+    scene = mi.load_dict({"type": "scene", "integrator": ALONE, "sensor": sensor, "ball": ball,
+                          "splats": dog_dict(rounded(opposite(2.0)))})
+    for _ in range(2):
+        mi.render(scene, spp=1)
+    told = "".join(capfd.readouterr())
+    assert told.count("dogpath: light passes through fog and other media as through empty space") == warned

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from launches import KernelWatch
 from mi_dogsplat import reference
 from mi_dogsplat.engine.motion import moved
 from mi_dogsplat.engine.parameters import RAW, upload
@@ -240,6 +241,21 @@ def test_moving_the_shape_through_its_parameter_is_loading_it_moved():
     params["splats.to_world"] = mi.Transform4f()
     params.update()
     np.testing.assert_allclose(np.array(mi.render(scene)), reference.render(MODEL, CAMERA)[0], atol=2e-3)
+
+
+def test_no_kernel_is_compiled_for_a_pose_of_the_shape():
+    scene = scene_of(MODEL, CAMERA)
+    params: Any = mi.traverse(scene)
+    with KernelWatch() as kernels:
+        for frame in range(1, 4):
+            if frame == 3:
+                kernels.forget()
+            motion: Any = mi.Transform4f()
+            params["splats.to_world"] = motion.translate([0.01 * frame, 0, 0]).rotate([0, 1, 0], 2.0 * frame)
+            params.update()
+            dr.eval(mi.render(scene))
+    assert kernels.launched > 1
+    assert not kernels.new
 
 
 def test_a_shape_that_its_parameter_shears_is_refused():

@@ -194,6 +194,14 @@ def test_scenes_are_told_apart_and_instances_are_looked_into():
     assert [known.of(scene) for scene in (opaque, instanced, instanced, opaque)] == [False, True, True, False]
 
 
+def test_a_shape_that_is_given_a_mask_lets_light_pass_from_then_on():
+    scene = scene_of(lit_wall([diffuse(0, 0, 0)]), max_depth=2)
+    assert render(scene).max() == 0
+    pane: Any = next(shape for shape in scene.shapes() if shape.id() == "pane_0")
+    pane.set_bsdf(mi.load_dict(mask(0.4)))
+    np.testing.assert_allclose(render(scene), 0.6 * expected_wall()[..., None].repeat(3, -1), rtol=2e-3)
+
+
 def test_no_kernel_is_compiled_for_a_number_of_lanes_or_a_segment():
     """Widths of its segments are random numbers."""
     scene = scene_of(ROOM, camera=fine(CAMERA, 2), max_depth=6)
