@@ -13,7 +13,7 @@ import numpy as np
 from ..scene.ply_tables import NOT_FINITE
 from ..scene.radiance import brightened
 from ..support.errors import DataError, writing
-from ..support.files import parse_json
+from ..support.files import parse_json, written_file
 from . import gltf_container, sog_read, spz_container
 from .folders import folder_given
 from .model import Model, require_finite
@@ -80,9 +80,12 @@ def require_writable(out: Path) -> None:
     """Raise ``DataError`` where a file cannot be made: said before what takes long."""
     if out.is_dir():
         raise DataError(out, "is a folder", "name a file in it")
-    if not out.parent.is_dir():
-        raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
-    with writing(out), TemporaryFile(dir=out.parent):
+    with writing(out):
+        folder = written_file(out).parent
+    if not folder.is_dir():
+        problem = f"leads into {folder}, which is no folder" if out.is_symlink() else "there is no such folder"
+        raise DataError(out, f"cannot be written ({problem})", "make it, or name another one")
+    with writing(out), TemporaryFile(dir=folder):
         pass
 
 

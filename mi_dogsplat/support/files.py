@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import uuid
@@ -23,14 +24,17 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
     Whenever the process or the machine dies, ``path`` is the old file or the new one, whole; of a process that is
     killed a ``part`` may remain (``remove_parts``). An ``OSError`` of writing names ``path``.
+
+    Where ``path`` is a symbolic link, it stays one, and the file that it leads to is written.
     """
     path = Path(path)
-    part = path.with_name(f".{path.name[:40]}.{uuid.uuid4().hex[:12]}{PART}")  # short: names have at most 255 bytes
     path.parent.mkdir(parents=True, exist_ok=True)
+    target = written_file(path)
+    part = target.with_name(f".{path.name[:40]}.{uuid.uuid4().hex[:12]}{PART}")  # short: names have at most 255 bytes
     try:
         yield part
         _to_disk(part)  # a crash after the rename must not leave a name without its content
-        os.replace(part, path)
+        os.replace(part, target)
     except OSError as error:
         # a full disk names nothing, or what was copied; and by its random name nobody knows the part
         if error.filename is None or str(part) in (str(error.filename), str(error.filename2)):
@@ -40,7 +44,21 @@ def replacing(path: str | Path) -> Iterator[Path]:
         with suppress(OSError):  # of a disk that is read-only: what was raised before says so by the name of the file
             part.unlink(missing_ok=True)
     if os.name == "posix":  # elsewhere a folder cannot be opened
-        _to_disk(path.parent)
+        _to_disk(target.parent)
+
+
+def written_file(path: Path) -> Path:
+    """The file that a new content under this name is for: where ``path`` is a symbolic link, that to which it leads.
+
+    That need not be there yet. Raises ``OSError`` for links in a circle, and for pipes and devices, whose place a file
+    would take.
+    """
+    file = Path(os.path.realpath(path)) if path.is_symlink() else path
+    if file.is_symlink():
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
+    if file.exists() and not (file.is_file() or file.is_dir()):
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+    return file
 
 
 def _to_disk(path: Path) -> None:

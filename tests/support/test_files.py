@@ -5,7 +5,8 @@ import json
 import os
 
 import pytest
-from mi_dogsplat.support.files import is_empty, replacing, write_json
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.files import is_empty, replacing, write_bytes, write_json
 from mi_dogsplat.support.resumable import begin
 
 
@@ -57,3 +58,46 @@ def test_a_part_that_cannot_be_removed_does_not_hide_why_nothing_was_written(tmp
     with pytest.raises(OSError) as caught, replacing(tmp_path / "a.txt") as part:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(part))
     assert caught.value.filename == str(tmp_path / "a.txt")
+
+
+def linked(place, target):
+    """A symbolic link, where the system lets its user make one."""
+    try:
+        place.symlink_to(target)
+    except OSError as error:
+        pytest.skip(f"no symbolic links here: {error}")
+    return place
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_symbolic_link_stays_one_and_what_it_leads_to_is_written(tmp_path, there):
+    """Also where that is not there yet, and where another link leads to it, from another folder."""
+    for folder in ("models", "links"):
+        (tmp_path / folder).mkdir()
+    target = tmp_path / "models" / "a.bin"
+    if there:
+        target.write_bytes(b"old")
+    first = linked(tmp_path / "models" / "newest.bin", "a.bin")
+    second = linked(tmp_path / "links" / "a.bin", "../models/newest.bin")
+    write_bytes(second, b"new")
+    assert target.read_bytes() == b"new" and not target.is_symlink() and first.is_symlink() and second.is_symlink()
+    assert sorted(path.name for path in tmp_path.rglob("*.bin")) == ["a.bin", "a.bin", "newest.bin"]
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_links_that_lead_nowhere_are_refused_by_their_own_names_and_stay(tmp_path):
+    links = {"away.bin": "unmounted/a.bin", "one.bin": "other.bin", "other.bin": "one.bin"}
+    paths = [linked(tmp_path / name, target) for name, target in links.items()]
+    for path in paths:
+        with pytest.raises(DataError, match=rf"^{path}: cannot be written \("):
+            write_bytes(path, b"new")
+    assert sorted(tmp_path.iterdir()) == sorted(paths) and all(path.is_symlink() for path in paths)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of POSIX")
+def test_no_file_takes_the_place_of_a_pipe(tmp_path):
+    os.mkfifo(tmp_path / "pipe.png")
+    for path in (tmp_path / "pipe.png", linked(tmp_path / "link.png", "pipe.png")):
+        with pytest.raises(DataError, match=rf"^{path}: cannot be written \(not a regular file\)"):
+            write_bytes(path, b"new")
+    assert (tmp_path / "pipe.png").is_fifo() and (tmp_path / "link.png").is_symlink()
