@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -37,8 +38,15 @@ def merged(shared: dict[str, Any], frame: dict[str, Any]) -> dict[str, Any]:
     return {**shared, **frame}
 
 
-def camera_of(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
-    """Camera of a frame (top-level values already merged in). Raises ``DataError`` or ``ValueError``."""
+def pose_of(frame: dict[str, Any]) -> np.ndarray:
+    """World to camera [4, 4], in OpenCV's axes, of a frame (top-level values already merged in). Raises ``ValueError``
+    or ``TypeError``."""
+    w2c = opengl_c2w_to_opencv_w2c(frame["transform_matrix"])
+    return OPENGL_FROM_MITSUBA @ w2c if MITSUBA in frame else w2c  # half a turn about y
+
+
+def camera_of(file: Path, frame: dict[str, Any], w2c: np.ndarray, image_path: Path) -> Camera:
+    """Camera of a frame, ``w2c`` its ``pose_of``. Raises ``DataError`` or ``ValueError``."""
     stated = "w" in frame and "h" in frame
     width, height = (int(_number(frame, "w")), int(_number(frame, "h"))) if stated else image_size(image_path)
     fx = _focal(frame, "fl_x", "camera_angle_x", width)
@@ -50,16 +58,18 @@ def camera_of(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
     fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)  # one focal length means square pixels
     assert fx is not None and fy is not None
     cx, cy = _number(frame, "cx", width / 2), _number(frame, "cy", height / 2)
-    w2c = opengl_c2w_to_opencv_w2c(frame["transform_matrix"])
-    if MITSUBA in frame:  # half a turn about y
-        w2c = OPENGL_FROM_MITSUBA @ w2c
     return Camera(w2c, fx, fy, cx, cy, width, height)
 
 
 def lens_of(file: Path, frame: dict[str, Any]) -> Lens:
-    """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them, or FULL_OPENCV's."""
+    """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them, or FULL_OPENCV's.
+
+    Raises ``DataError`` or ``ValueError``.
+    """
     model = next((key for key in OTHER_LENSES if frame.get(key, False) is not False), None)
     model = model or frame.get("camera_model", "PINHOLE")
+    if not isinstance(model, str):
+        raise ValueError(f'"camera_model" is {_shown(model)}, no name of a lens')
     fisheye = bool(frame.get("is_fisheye")) or model in FISHEYES
     k, p = ([_number(frame, f"{letter}{i}", 0) for i in range(1, n)] for letter, n in (("k", 7), ("p", 3)))
     if model == FULL and not fisheye:
@@ -90,4 +100,9 @@ def _number(frame: dict[str, Any], key: str, default: float | None = None) -> fl
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f'"{key}" is {value!r:.80}, no number') from None
+        raise ValueError(f'"{key}" is {_shown(value)}, no number') from None
+
+
+def _shown(value: Any) -> str:
+    """A value as the file has it, or how it begins."""
+    return f"{json.dumps(value):.80}"
