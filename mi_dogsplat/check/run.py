@@ -11,7 +11,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..formats.read import read_model
+from ..formats.read import read_model, require_primitives
 from ..render.picture_options import PictureOptions
 from ..render.viewpoint import viewpoint
 from ..support.cores import usable_cores
@@ -118,9 +118,8 @@ def _model_scene(
 ) -> Scene:
     """The model, seen as ``render_files.render_model`` would see it."""
     read = read_model(model)
+    require_primitives(model, read, "check")
     splats = read.splats.uniform_sh()  # one array of colours, whose errors are told
-    if splats.n_splats == 0:
-        raise DataError(model, "holds no primitives", "check a model that has some")
     view = viewpoint(splats, data, camera, options, read.drawing)
     how = {"near_clip": view.drawn.near_clip, "antialiased": view.drawn.antialiased}
     return model_scene(model.name, splats, view.camera, width, background=view.background, **how)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..formats.read import require_primitives
 from ..render.picture import picture_of
 from ..render.picture_options import PictureOptions
 from ..runs.stopping import Stopped, StopRequest
@@ -73,6 +74,7 @@ def make_film(
     if pictures is not None and config.says("crf"):
         refuse("crf", f"is for videos, and {out} is for pictures", f"leave it out, or name a video {SUFFIX}")
     subject = read_subject(model, data, options)
+    require_primitives(model, subject.model, "film")
     options.require_for(subject.drawn.linear)
     path = _path(subject, config)
     size = path.size or DEFAULT_SIZE

@@ -70,10 +70,15 @@ def read_source(path: Path, out: Path, verb: str, finite: bool = True) -> Model:
     model = read_model(path, finite)
     if out.exists() and out.samefile(path):
         raise DataError(out, "is the model itself, which would be lost", "name another file")
-    if model.splats.n_splats == 0:
-        raise DataError(path, "the model is empty", f"{verb} one that has primitives")
+    require_primitives(path, model, verb)
     require_writable(out)
     return model
+
+
+def require_primitives(path: Path, model: Model, verb: str) -> None:
+    """Raise ``DataError`` for an empty model, of which nothing can be made; ``verb`` is what was to be done with it."""
+    if model.splats.n_splats == 0:
+        raise DataError(path, "the model is empty", f"{verb} one that has primitives")
 
 
 def require_writable(out: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..datasets.scene_file import warn_of_unseen_splats
 from ..engine.aovs import read_names
-from ..formats.read import read_model
+from ..formats.read import read_model, require_primitives
 from ..plugin.denoising import AOV, CHANNELS
 from ..plugin.film import pixel_format_of
 from ..scene.appearance import read_appearance
@@ -62,6 +62,7 @@ def render_model(
     require_suffix(out)
     names = _aovs(out, aovs)
     read = read_model(model)
+    require_primitives(model, read, "render")
     view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
     options.require_for(view.drawn.linear)
     background = view.background if suffix == ".png" else 0.0

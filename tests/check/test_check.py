@@ -219,7 +219,7 @@ def test_bad_input_is_one_line_that_names_it(capsys, model, tmp_path):
         ([model, "-o", out, "--only", "stability"], "model.ply", "work-precision"),
         ([tmp_path / "missing.ply", "-o", out], "missing.ply"),
         ([tmp_path / "bad.ply", "-o", out], "bad.ply"),
-        ([tmp_path / "empty.ply", "-o", out], "empty.ply", "no primitives"),
+        ([tmp_path / "empty.ply", "-o", out], "empty.ply", "the model is empty"),
         ([model, "-o", out, "--camera", "0"], "--data"),
         (["-o", out, "--only", "stability", "--data", "photos"], "--data: says from where a model is seen"),
         (["-o", out, "--only", "stability", "--camera", "0"], "--camera: says from where a model is seen"),
