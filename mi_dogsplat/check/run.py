@@ -19,7 +19,7 @@ from ..support.errors import DataError
 from ..support.files import replacing, write_json
 from ..support.variants import require_arrays
 from ..support.versions import versions
-from ..support.wording import finite
+from ..support.wording import finite, printable
 from . import PARTS, UNUSED, stability, work_precision
 from .scenes import Scene, model_scene, synthetic_scenes
 from .training import read_training
@@ -145,11 +145,13 @@ def _machine(rounds: int) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """The same in types that JSON knows; numbers that are not finite become None."""
+    """The same in types that JSON knows; numbers that are not finite become None, and names are printable."""
     if isinstance(value, Mapping):
         return {str(key): _plain(v) for key, v in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
         return [_plain(v) for v in value]
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, str):
+        return printable(value)  # a name may be no UTF-8
     return finite(value) if isinstance(value, float) else value

@@ -1,6 +1,7 @@
 """``dogsplat check``: its curves of runs, its files, its command line."""
 
 import json
+import sys
 from pathlib import Path
 
 import mi_dogsplat
@@ -126,6 +127,15 @@ def test_a_model_is_framed_when_no_camera_is_named(capsys, model, tmp_path, monk
     (scene,) = json.loads((tmp_path / "out" / "check.json").read_text())["work_precision"]
     whole = next(r for r in scene["rows"] if r["setting"] == "50 %")
     assert whole["mean_error"] > 1e-3  # it is in view
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a file system whose names are bytes, as Linux has it")
+def test_a_model_whose_name_is_no_utf_8_has_a_page(capsys, model, tmp_path, monkeypatch, few_points):
+    monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda width: [])
+    path = tmp_path / "caf\udce9.ply"  # é of Latin-1, as Python has it
+    path.write_bytes(model.read_bytes())
+    assert run(capsys, path, "-o", tmp_path, "--only", "work-precision", "--width", 16, "--rounds", 1)[0] == 0
+    assert "caf\\udce9.ply" in (tmp_path / "check.html").read_text(encoding="utf-8")
 
 
 def test_every_curve_has_a_colour_and_a_marker_of_its_own():
