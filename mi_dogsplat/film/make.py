@@ -14,6 +14,7 @@ import numpy as np
 
 from ..formats.read import require_primitives
 from ..render.picture import picture_of
+from ..render.picture_memory import require_memory
 from ..render.picture_options import PictureOptions
 from ..runs.stopping import Stopped, StopRequest
 from ..support.errors import DataError, writing
@@ -84,6 +85,7 @@ def make_film(
         raise DataError("--seconds", f"{n / config.fps:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
     what = f"{path.what}: {counted(n, 'frame')} of {size[0]} x {size[1]}"
     alpha = pictures is not None and pictures.alpha
+    require_memory(out, *size, ".exr" if alpha else SUFFIX, "make them smaller by --size")
     background = 0.0 if alpha else subject.background  # which would clamp what is brighter than it leaves room for
     picture = picture_of(subject.model.splats, background, subject.drawn)
     moments = path.moments(n, steps, config.shutter, config.samples if config.shutter else 1)  # [n, samples]

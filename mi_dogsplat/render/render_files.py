@@ -25,6 +25,7 @@ from ..support.threads import threads_to_load
 from ..support.variants import require_arrays, require_variant
 from .denoise import denoised, require_denoiser
 from .picture import Picture, as_taken, picture_of, premultiplied
+from .picture_memory import require_memory
 from .picture_options import PictureOptions
 from .viewpoint import viewpoint
 
@@ -65,6 +66,7 @@ def render_model(
     require_primitives(model, read, "render")
     view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
     options.require_for(view.drawn.linear)
+    require_memory(out, view.camera.width, view.camera.height, suffix, "ask for a smaller picture, as by --downscale 2")
     background = view.background if suffix == ".png" else 0.0
     if appearance and view.drawn.linear:
         raise DataError("--appearance", "is of photographs, and the model holds linear radiance", "leave it out")
