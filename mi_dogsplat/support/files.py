@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -25,7 +26,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     Whenever the process or the machine dies, ``path`` is the old file or the new one, whole; of a process that is
     killed a ``part`` may remain (``remove_parts``). An ``OSError`` of writing names ``path``.
 
-    Where ``path`` is a symbolic link, it stays one, and the file that it leads to is written.
+    Where ``path`` is a symbolic link, it stays one, and the file that it leads to is written. A new file has the
+    permissions of any other new one, an old one keeps its own.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -34,6 +36,9 @@ def replacing(path: str | Path) -> Iterator[Path]:
     try:
         yield part
         _to_disk(part)  # a crash after the rename must not leave a name without its content
+        if os.name == "posix":
+            with suppress(OSError):  # of a new file, and where a disk knows no permissions
+                shutil.copymode(target, part)
         os.replace(part, target)
     except OSError as error:
         # a full disk names nothing, or what was copied; and by its random name nobody knows the part

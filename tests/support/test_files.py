@@ -60,6 +60,20 @@ def test_a_part_that_cannot_be_removed_does_not_hide_why_nothing_was_written(tmp
     assert caught.value.filename == str(tmp_path / "a.txt")
 
 
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_a_file_that_is_written_again_keeps_its_permissions(tmp_path):
+    """What nobody else may read stays so, and what a group may write, too."""
+    for mode in (0o600, 0o664, 0o444):
+        path = tmp_path / f"{mode:o}.bin"
+        path.write_bytes(b"old")
+        path.chmod(mode)
+        write_bytes(path, b"new")
+        assert path.read_bytes() == b"new" and path.stat().st_mode & 0o777 == mode
+    (tmp_path / "like.bin").touch()
+    write_bytes(tmp_path / "new.bin", b"new")
+    assert (tmp_path / "new.bin").stat().st_mode == (tmp_path / "like.bin").stat().st_mode
+
+
 def linked(place, target):
     """A symbolic link, where the system lets its user make one."""
     try:
