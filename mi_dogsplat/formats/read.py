@@ -6,14 +6,13 @@ import codecs
 import stat
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryFile
 
 import numpy as np
 
 from ..scene.ply_tables import NOT_FINITE
 from ..scene.radiance import brightened
 from ..support.errors import DataError, writing
-from ..support.files import parse_json, written_file
+from ..support.files import parse_json, require_place, written_file
 from . import gltf_container, sog_read, spz_container
 from .folders import folder_given
 from .model import Model, require_finite
@@ -90,8 +89,7 @@ def require_writable(out: Path) -> None:
     if not folder.is_dir():
         problem = f"leads into {folder}, which is no folder" if out.is_symlink() else "there is no such folder"
         raise DataError(out, f"cannot be written ({problem})", "make it, or name another one")
-    with writing(out), TemporaryFile(dir=folder):
-        pass
+    require_place(out)
 
 
 def is_model_name(path: Path) -> bool:

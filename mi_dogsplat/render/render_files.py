@@ -17,7 +17,7 @@ from ..plugin.denoising import AOV, CHANNELS
 from ..plugin.film import pixel_format_of
 from ..scene.appearance import read_appearance
 from ..support.errors import DataError, interruptible, writing
-from ..support.files import replacing
+from ..support.files import replacing, require_place
 from ..support.pictures import without_aovs, write_channels, write_exr, write_png
 from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.srgb import linear_to_srgb
@@ -115,6 +115,7 @@ def render_scene(
         raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
     if denoise:
         require_denoiser("--denoise")
+    require_place(out)
     file = as_mitsuba_reads(path)
     try:
         with drawing or nullcontext():

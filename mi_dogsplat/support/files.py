@@ -10,6 +10,7 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from .errors import DataError, writing
@@ -64,6 +65,16 @@ def written_file(path: Path) -> Path:
     if file.exists() and not (file.is_file() or file.is_dir()):
         raise OSError(errno.EINVAL, "not a regular file", str(path))
     return file
+
+
+def require_place(path: Path) -> None:
+    """Raise ``DataError`` where ``replacing`` could not write a file, which makes its folder: said before long work."""
+    with writing(path):
+        folder = written_file(path).parent
+        made_in = () if path.is_symlink() else folder.parents  # no folder is made where a link leads
+        there = next((place for place in (folder, *made_in) if place.exists()), folder)
+        with TemporaryFile(dir=there):
+            pass
 
 
 def _to_disk(path: Path) -> None:

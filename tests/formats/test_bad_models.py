@@ -49,7 +49,7 @@ def test_where_nothing_can_be_written_is_said_before_anything_is_made_of_a_model
     read_source(model, tmp_path / "small.ply", "simplify")
     with pytest.raises(DataError, match=r"small.ply: cannot be written \(there is no such folder\)"):
         read_source(model, tmp_path / "no folder" / "small.ply", "simplify")
-    monkeypatch.setattr("mi_dogsplat.formats.read.TemporaryFile", read_only)
+    monkeypatch.setattr("mi_dogsplat.support.files.TemporaryFile", read_only)
     with pytest.raises(DataError, match=r"small.ply: cannot be written \(Read-only file system\)"):
         read_source(model, tmp_path / "small.ply", "simplify")
     assert list(tmp_path.iterdir()) == [model]

@@ -232,6 +232,19 @@ def test_without_primitives_there_is_background_without_depth():
 # --- Mitsuba scenes ---
 
 
+def test_where_nothing_can_be_written_is_said_before_a_scene_is_drawn(tmp_path, monkeypatch):
+    def drawn(*_, **__):
+        raise AssertionError("the scene is drawn")
+
+    monkeypatch.setattr("mitsuba.render", drawn)
+    path = scene_file(tmp_path, SPHERE + SENSOR)
+    before = sorted(tmp_path.iterdir())
+    for out in (path / "s.png", path / "new" / "s.exr"):  # in a file that is no folder
+        with pytest.raises(DataError, match=rf"^{out}: cannot be written"):
+            render_scene(path, out)
+    assert sorted(tmp_path.iterdir()) == before
+
+
 def test_a_scene_is_written_linear_as_exr_and_encoded_as_png(tmp_path):
     path = scene_file(tmp_path, SPHERE + SENSOR)
     render_scene(path, tmp_path / "s.exr")

@@ -6,7 +6,7 @@ import os
 
 import pytest
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.support.files import is_empty, replacing, write_bytes, write_json
+from mi_dogsplat.support.files import is_empty, replacing, require_place, write_bytes, write_json
 from mi_dogsplat.support.resumable import begin
 
 
@@ -103,8 +103,9 @@ def test_links_that_lead_nowhere_are_refused_by_their_own_names_and_stay(tmp_pat
     links = {"away.bin": "unmounted/a.bin", "one.bin": "other.bin", "other.bin": "one.bin"}
     paths = [linked(tmp_path / name, target) for name, target in links.items()]
     for path in paths:
-        with pytest.raises(DataError, match=rf"^{path}: cannot be written \("):
-            write_bytes(path, b"new")
+        for attempt in (require_place, lambda place: write_bytes(place, b"new")):
+            with pytest.raises(DataError, match=rf"^{path}: cannot be written \("):
+                attempt(path)
     assert sorted(tmp_path.iterdir()) == sorted(paths) and all(path.is_symlink() for path in paths)
 
 
