@@ -119,7 +119,7 @@ def render_scene(
     file = as_mitsuba_reads(path)
     try:
         with drawing or nullcontext():
-            bitmap = _drawn(file, spp, on_pass, denoise)
+            bitmap = _drawn(file, out, spp, on_pass, denoise)
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
         if isinstance(error, DataError):
             raise
@@ -138,8 +138,9 @@ def render_scene(
         write_png(out, linear_to_srgb(linear))
 
 
-def _drawn(file: str, spp: int, on_pass: Callable[[int, int], None] | None, denoise: bool) -> Any:
-    """What the first sensor of a scene sees, a ``mi.Bitmap``, whose type stubs lack what is used of it."""
+def _drawn(file: str, out: Path, spp: int, on_pass: Callable[[int, int], None] | None, denoise: bool) -> Any:
+    """What the first sensor of a scene sees, a ``mi.Bitmap``, whose type stubs lack what is used of it; ``out`` is for
+    errors."""
     from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
 
     with threads_to_load():
@@ -156,6 +157,8 @@ def _drawn(file: str, spp: int, on_pass: Callable[[int, int], None] | None, deno
     else:
         warn_of_unseen_splats(Path(file))
     film = scene.sensors()[0].film()
+    width, height = map(int, film.crop_size())
+    require_memory(out, width, height, out.suffix.lower(), "make the film of the scene smaller")
     if denoise:
         _ask_for_guides(integrator, film)
     with interruptible():

@@ -8,6 +8,7 @@ import pytest
 from command_line import assert_one_line, run
 from mi_dogsplat.render.picture_memory import require_memory
 from mi_dogsplat.support.errors import DataError
+from scene_files import scene_file
 
 
 @pytest.fixture(autouse=True)
@@ -29,6 +30,15 @@ def test_a_render_that_is_too_large_names_a_smaller_one(capsys, model, tmp_path,
     result = run(capsys, "render", model, "-o", out, "--camera", tmp_path / "c.json")
     said = "16,000 x 16,000 pixels would take 19.2 GB of memory, and 2 GB are free; ask for a smaller picture"
     assert_one_line(result, f"{out}: {said}")
+
+
+def test_a_scene_whose_film_is_too_large_is_named(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("mitsuba.render", not_drawn)
+    path = scene_file(tmp_path)
+    large = path.read_text().replace('"width" value="8"', '"width" value="20000"')
+    path.write_text(large.replace('"height" value="6"', '"height" value="20000"'))
+    result = run(capsys, "render", path, "-o", tmp_path / "s.exr")
+    assert_one_line(result, "s.exr: 20,000 x 20,000 pixels would take 52 GB", "make the film of the scene smaller")
 
 
 def test_a_film_whose_frames_are_too_large_names_size(capsys, model, tmp_path, monkeypatch):
