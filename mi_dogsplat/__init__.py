@@ -5,7 +5,11 @@
 Dr.Jit can use.
 """
 
-from .support.llvm import check_loaded_llvm, choose_llvm
+from .support.starting import end_when_interrupted
+
+end_when_interrupted()  # what follows takes a second
+
+from .support.llvm import check_loaded_llvm, choose_llvm  # noqa: E402
 
 choose_llvm()  # Dr.Jit loads LLVM while it is imported: this comes first
 

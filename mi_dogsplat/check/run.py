@@ -11,7 +11,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..formats.read import read_model
+from ..formats.read import read_model, require_primitives
 from ..render.picture_options import PictureOptions
 from ..render.viewpoint import viewpoint
 from ..support.cores import usable_cores
@@ -19,7 +19,7 @@ from ..support.errors import DataError
 from ..support.files import replacing, write_json
 from ..support.variants import require_arrays
 from ..support.versions import versions
-from ..support.wording import finite
+from ..support.wording import finite, printable
 from . import PARTS, UNUSED, stability, work_precision
 from .scenes import Scene, model_scene, synthetic_scenes
 from .training import read_training
@@ -118,9 +118,8 @@ def _model_scene(
 ) -> Scene:
     """The model, seen as ``render_files.render_model`` would see it."""
     read = read_model(model)
+    require_primitives(model, read, "check")
     splats = read.splats.uniform_sh()  # one array of colours, whose errors are told
-    if splats.n_splats == 0:
-        raise DataError(model, "holds no primitives", "check a model that has some")
     view = viewpoint(splats, data, camera, options, read.drawing)
     how = {"near_clip": view.drawn.near_clip, "antialiased": view.drawn.antialiased}
     return model_scene(model.name, splats, view.camera, width, background=view.background, **how)
@@ -146,11 +145,13 @@ def _machine(rounds: int) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """The same in types that JSON knows; numbers that are not finite become None."""
+    """The same in types that JSON knows; numbers that are not finite become None, and names are printable."""
     if isinstance(value, Mapping):
         return {str(key): _plain(v) for key, v in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
         return [_plain(v) for v in value]
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, str):
+        return printable(value)  # a name may be no UTF-8
     return finite(value) if isinstance(value, float) else value

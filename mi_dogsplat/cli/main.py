@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..support.starting import raise_when_interrupted
 from .commands import COMMANDS
 from .errors import one_line_errors, quiet_pipe
 from .parser import build_parser
@@ -17,7 +18,12 @@ def main(argv: list[str] | None = None) -> int:
     def run() -> int:
         args = build_parser().parse_args(argv)
         extra = args.command if args.command in EXTRAS else "train"
-        return one_line_errors(lambda: COMMANDS[args.command].run(args), extra)
+
+        def command() -> int | None:
+            raise_when_interrupted()  # here, where it is caught
+            return COMMANDS[args.command].run(args)
+
+        return one_line_errors(command, extra)
 
     open_closed_streams()
     print_every_character()

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..scene.cameras import Camera, opengl_c2w_to_opencv_w2c
 from ..support.errors import DataError
+from ..support.json_values import in_json, number_in
 from .images import image_size
 from .lens import Lens
 
@@ -37,10 +38,17 @@ def merged(shared: dict[str, Any], frame: dict[str, Any]) -> dict[str, Any]:
     return {**shared, **frame}
 
 
-def camera_of(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
-    """Camera of a frame (top-level values already merged in). Raises ``DataError`` or ``ValueError``."""
+def pose_of(frame: dict[str, Any]) -> np.ndarray:
+    """World to camera [4, 4], in OpenCV's axes, of a frame (top-level values already merged in). Raises ``ValueError``
+    or ``TypeError``."""
+    w2c = opengl_c2w_to_opencv_w2c(frame["transform_matrix"])
+    return OPENGL_FROM_MITSUBA @ w2c if MITSUBA in frame else w2c  # half a turn about y
+
+
+def camera_of(file: Path, frame: dict[str, Any], w2c: np.ndarray, image_path: Path) -> Camera:
+    """Camera of a frame, ``w2c`` its ``pose_of``. Raises ``DataError`` or ``ValueError``."""
     stated = "w" in frame and "h" in frame
-    width, height = (int(_number(frame, "w")), int(_number(frame, "h"))) if stated else image_size(image_path)
+    width, height = (int(number_in(frame, "w")), int(number_in(frame, "h"))) if stated else image_size(image_path)
     fx = _focal(frame, "fl_x", "camera_angle_x", width)
     fy = _focal(frame, "fl_y", "camera_angle_y", height)
     if fx is None and fy is None:
@@ -49,19 +57,21 @@ def camera_of(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
         )
     fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)  # one focal length means square pixels
     assert fx is not None and fy is not None
-    cx, cy = _number(frame, "cx", width / 2), _number(frame, "cy", height / 2)
-    w2c = opengl_c2w_to_opencv_w2c(frame["transform_matrix"])
-    if MITSUBA in frame:  # half a turn about y
-        w2c = OPENGL_FROM_MITSUBA @ w2c
+    cx, cy = number_in(frame, "cx", width / 2), number_in(frame, "cy", height / 2)
     return Camera(w2c, fx, fy, cx, cy, width, height)
 
 
 def lens_of(file: Path, frame: dict[str, Any]) -> Lens:
-    """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them, or FULL_OPENCV's."""
+    """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them, or FULL_OPENCV's.
+
+    Raises ``DataError`` or ``ValueError``.
+    """
     model = next((key for key in OTHER_LENSES if frame.get(key, False) is not False), None)
     model = model or frame.get("camera_model", "PINHOLE")
+    if not isinstance(model, str):
+        raise ValueError(f'"camera_model" is {in_json(model)}, no name of a lens')
     fisheye = bool(frame.get("is_fisheye")) or model in FISHEYES
-    k, p = ([_number(frame, f"{letter}{i}", 0) for i in range(1, n)] for letter, n in (("k", 7), ("p", 3)))
+    k, p = ([number_in(frame, f"{letter}{i}", 0) for i in range(1, n)] for letter, n in (("k", 7), ("p", 3)))
     if model == FULL and not fisheye:
         return Lens(tuple(k[:3]), (p[0], p[1]), divisor=tuple(k[3:]))
     known = model in LENSES + FISHEYES
@@ -75,19 +85,10 @@ def lens_of(file: Path, frame: dict[str, Any]) -> Lens:
 
 def _focal(frame: dict[str, Any], pixels_key: str, angle_key: str, size: int) -> float | None:
     if pixels_key in frame:
-        return _number(frame, pixels_key)
+        return number_in(frame, pixels_key)
     if angle_key in frame:
-        angle = _number(frame, angle_key)
+        angle = number_in(frame, angle_key)
         if not 0 < angle < math.pi:
             raise ValueError(f'"{angle_key}" is {angle:g}, no angle of view in radians')
         return 0.5 * size / math.tan(0.5 * angle)
     return None
-
-
-def _number(frame: dict[str, Any], key: str, default: float | None = None) -> float:
-    """What a frame says, or the default. Raises ``ValueError`` that names the key."""
-    value = frame.get(key, default)
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f'"{key}" is {value!r:.80}, no number') from None

@@ -19,7 +19,7 @@ from .check import require_plausible
 from .colmap import find_model
 from .colmap_beside import points_beside
 from .dataset import Dataset, every_eighth, held_out, require_unique_names, view_name, views_named
-from .frame_cameras import camera_of, lens_of, merged
+from .frame_cameras import camera_of, lens_of, merged, pose_of
 from .images import is_file, named_file
 from .point_ply import read_point_ply
 from .view_images import ViewSource, load_views, require_files
@@ -161,7 +161,7 @@ def _sources(file: Path, content: dict[str, Any]) -> list[ViewSource]:
     shared = {key: value for key, value in content.items() if key != "frames"}
     frames = content["frames"]
     for i, frame in enumerate(frames):
-        if not isinstance(frame, dict) or not {"file_path", "transform_matrix"} <= frame.keys():
+        if not isinstance(frame, dict) or None in (frame.get("file_path"), frame.get("transform_matrix")):
             raise DataError(
                 file, f'frame {i} lacks "file_path" or "transform_matrix"', "add both to each frame"
             )
@@ -169,15 +169,17 @@ def _sources(file: Path, content: dict[str, Any]) -> list[ViewSource]:
     require_files(paths)
     sources = []
     for frame, image_path in zip(frames, paths, strict=True):
-        name = str(frame["file_path"])
+        name, said = str(frame["file_path"]), merged(shared, frame)
+        remedy = f"correct it ({CONVENTION})"
         try:
-            said = merged(shared, frame)
-            camera, lens = camera_of(file, said, image_path), lens_of(file, said)
+            w2c = pose_of(said)
+            remedy = "correct it, or leave it out"
+            camera, lens = camera_of(file, said, w2c, image_path), lens_of(file, said)
         except (ValueError, TypeError, ArithmeticError) as error:
             if isinstance(error, DataError):
                 raise
-            raise DataError(file, f'frame "{name}": {error}', f"correct it ({CONVENTION})") from error
-        sources.append(ViewSource(view_name(str(frame.get(NAME, name))), image_path, camera, lens))
+            raise DataError(file, f'frame "{name}": {error}', remedy) from error
+        sources.append(ViewSource(view_name(str(frame.get(NAME) or name)), image_path, camera, lens))
     return sources
 
 

@@ -31,6 +31,7 @@ from ..scene.camera_file import camera_from_json
 from ..scene.cameras import affine, inverse_rigid
 from ..support.errors import DataError
 from ..support.files import read_json
+from ..support.json_values import number_in
 from ..support.wording import counted
 from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov, offset_of_camera
 from .splines import rotation_curve, vector_curve
@@ -123,7 +124,7 @@ def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
     """Raises ``ValueError``, ``TypeError`` or ``KeyError`` for what is no key."""
     if not isinstance(entry, dict):
         raise ValueError("is not a JSON object")
-    time = float(entry["time"]) if "time" in entry else None
+    time = number_in(entry, "time") if "time" in entry else None
     if time is not None and not np.isfinite(time):
         raise ValueError('"time" is not finite')
     if time is not None and abs(time) > LARGEST:
@@ -140,7 +141,7 @@ def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
     if ("look_at" in entry) == ("rotation" in entry):
         raise ValueError('needs "look_at" or "rotation", one of them')
     if "fov" in entry:
-        degrees = float(entry["fov"])
+        degrees = number_in(entry, "fov")
         if not NARROWEST <= degrees < 180:
             raise ValueError(f'"fov" is {degrees:g}, not within {NARROWEST:g} to 180 degrees')
         focal = focal_of_fov(degrees)

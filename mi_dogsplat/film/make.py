@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ..formats.read import require_primitives
 from ..render.picture import picture_of
+from ..render.picture_memory import require_memory
 from ..render.picture_options import PictureOptions
 from ..runs.stopping import Stopped, StopRequest
 from ..support.errors import DataError, writing
@@ -73,6 +75,7 @@ def make_film(
     if pictures is not None and config.says("crf"):
         refuse("crf", f"is for videos, and {out} is for pictures", f"leave it out, or name a video {SUFFIX}")
     subject = read_subject(model, data, options)
+    require_primitives(model, subject.model, "film")
     options.require_for(subject.drawn.linear)
     path = _path(subject, config)
     size = path.size or DEFAULT_SIZE
@@ -82,6 +85,7 @@ def make_film(
         raise DataError("--seconds", f"{n / config.fps:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
     what = f"{path.what}: {counted(n, 'frame')} of {size[0]} x {size[1]}"
     alpha = pictures is not None and pictures.alpha
+    require_memory(out, *size, ".exr" if alpha else SUFFIX, "make them smaller by --size")
     background = 0.0 if alpha else subject.background  # which would clamp what is brighter than it leaves room for
     picture = picture_of(subject.model.splats, background, subject.drawn)
     moments = path.moments(n, steps, config.shutter, config.samples if config.shutter else 1)  # [n, samples]

@@ -6,14 +6,13 @@ import codecs
 import stat
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryFile
 
 import numpy as np
 
 from ..scene.ply_tables import NOT_FINITE
 from ..scene.radiance import brightened
 from ..support.errors import DataError, writing
-from ..support.files import parse_json
+from ..support.files import parse_json, require_place, written_file
 from . import gltf_container, sog_read, spz_container
 from .folders import folder_given
 from .model import Model, require_finite
@@ -70,20 +69,27 @@ def read_source(path: Path, out: Path, verb: str, finite: bool = True) -> Model:
     model = read_model(path, finite)
     if out.exists() and out.samefile(path):
         raise DataError(out, "is the model itself, which would be lost", "name another file")
-    if model.splats.n_splats == 0:
-        raise DataError(path, "the model is empty", f"{verb} one that has primitives")
+    require_primitives(path, model, verb)
     require_writable(out)
     return model
+
+
+def require_primitives(path: Path, model: Model, verb: str) -> None:
+    """Raise ``DataError`` for an empty model, of which nothing can be made; ``verb`` is what was to be done with it."""
+    if model.splats.n_splats == 0:
+        raise DataError(path, "the model is empty", f"{verb} one that has primitives")
 
 
 def require_writable(out: Path) -> None:
     """Raise ``DataError`` where a file cannot be made: said before what takes long."""
     if out.is_dir():
         raise DataError(out, "is a folder", "name a file in it")
-    if not out.parent.is_dir():
-        raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
-    with writing(out), TemporaryFile(dir=out.parent):
-        pass
+    with writing(out):
+        folder = written_file(out).parent
+    if not folder.is_dir():
+        problem = f"leads into {folder}, which is no folder" if out.is_symlink() else "there is no such folder"
+        raise DataError(out, f"cannot be written ({problem})", "make it, or name another one")
+    require_place(out)
 
 
 def is_model_name(path: Path) -> bool:

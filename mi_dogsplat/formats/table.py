@@ -27,7 +27,8 @@ class Format:
     colours that vary over theirs, primitives that a plane cuts off, places that depend on the view, SH degrees of
     single ones. empty: it may hold no primitive at all. sh_degree: the highest that it holds.
     order: in which primitives compress best; None: it does not matter. in_white: linear colours are in units of white
-    in the file, as its codes are made for 0 to 1. brightest: of colours, in these units, which it can say.
+    in the file, as its codes are made for 0 to 1. colors, radiance: the least and the greatest mean colour that it can
+    say, where 1 is white, of display-referred and of linear models.
     largest_sh: of coefficients of view-dependent colour, of either sign, in the units of the file.
     log_scales: the least and the greatest that it can say. moved: which primitives [N] it puts elsewhere, by more than
     their size, as it has these ``bits`` for places.
@@ -47,7 +48,8 @@ class Format:
     sh_degree: int = 3
     order: Callable[[Splats], Array] | None = None
     in_white: bool = False
-    brightest: float = math.inf
+    colors: tuple[float, float] = (-math.inf, math.inf)
+    radiance: tuple[float, float] = (-math.inf, math.inf)
     largest_sh: float = math.inf
     log_scales: tuple[float, float] = (-math.inf, math.inf)
     moved: Callable[[Splats], Array] | None = None
@@ -104,7 +106,8 @@ SPZ = Format(
     RUB,
     order=by_color,
     in_white=True,
-    brightest=spz.LINEAR_BRIGHTEST,
+    colors=spz.COLORS,
+    radiance=spz.RADIANCE,
     largest_sh=1.0,
     log_scales=spz.LOG_SCALES,
     moved=spz.moved,
@@ -135,7 +138,8 @@ SPLAT = Format(
     _written(lambda model: splat.encode(model.splats)),
     sh_degree=0,
     in_white=True,
-    brightest=1.0,
+    colors=(0.0, 1.0),
+    radiance=(0.0, 1.0),
 )
 
 FORMATS = {  # by the end of the file's name; the longer one first

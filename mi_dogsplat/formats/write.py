@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.drawing import USUAL
+from ..scene.drawing import USUAL, Drawing
 from ..scene.kinds import varying
 from ..scene.radiance import brightened
 from ..scene.row_groups import SH
@@ -21,13 +21,13 @@ from ..support.files import write_bytes
 from ..support.wording import count, counted
 from .model import Model, require_finite
 from .packing import turned
-from .spz import BRIGHTEST
+from .spz import COLORS
 from .spz import encode as encode_spz
 from .spz_container import rewrapped, zstandard_for
 from .table import PLY, SPZ, Format, format_to_write
 
 SPZ_VERSIONS = (3, 4)  # that are written
-SH_ROUNDING = 1 / 128  # by which a coefficient is out of range: the step of SPZ, less is rounding
+ROUNDING = 1 / 128  # by which a coefficient or colour is out of range: the step of SPZ, less is rounding
 CLAMPED = 1 / 32  # by which a log scale is out of range: half a step of SPZ, less is rounding
 
 
@@ -54,14 +54,15 @@ def write_model(
     model = model if isinstance(model, Model) else Model(model)
     _require_room(path, chosen, model)
     require_spz_version(path, chosen, spz_version)
+    splats = _held_by(chosen, model.splats, sh_rows)
     silent = chosen is SPZ and spz_version == 4 and bool(model.drawing.linear)  # its header has no room for a comment
-    lost = what_is_lost(replace(SPZ, brightest=BRIGHTEST) if silent else chosen, model)
+    lost = what_is_lost(chosen, model)
+    lost += what_is_clamped(replace(SPZ, radiance=COLORS) if silent else chosen, splats, model.drawing)
     if silent:
         if model.drawing.white:
             lost.append("SPZ 4 cannot say that its colours are linear and in units of white; write version 3")
         else:
             lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
-    splats = _held_by(chosen, model.splats, sh_rows)
     if chosen.in_white and model.drawing.linear and model.drawing.white:
         with np.errstate(over="ignore"):  # of what is found below
             splats = brightened(splats, 1 / model.drawing.white)
@@ -131,24 +132,35 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
         lost.append(f"{chosen.name} has no place that depends on the view: {what}, each has its mean place")
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
+    return lost
+
+
+def what_is_clamped(chosen: Format, splats: Splats, drawing: Drawing) -> list[str]:
+    """Lines about numbers of the primitives that are written which are out of the range of a format."""
+    clamped = []
     least, most = chosen.log_scales
-    largest = model.splats.log_scales.max(axis=1)  # [N]; what is flat is often flatter than any format can say
+    largest = splats.log_scales.max(axis=1)  # [N]; what is flat is often flatter than any format can say
     if n := int(((largest < least - CLAMPED) | (largest > most + CLAMPED)).sum()):
         sizes = f"below {math.exp(least):.3g} or above {math.exp(most):.3g}"
-        lost.append(f"{chosen.name} has no scales {sizes}, to which it clamps {counted(n, 'primitive')}")
-    if chosen.moved and (n := int(chosen.moved(model.splats).sum())):
-        farthest = f"{np.abs(model.splats.means).max():.3g}"
+        clamped.append(f"{chosen.name} has no scales {sizes}, to which it clamps {counted(n, 'primitive')}")
+    if chosen.moved and (n := int(chosen.moved(splats).sum())):
+        farthest = f"{np.abs(splats.means).max():.3g}"
         what = f"moves {counted(n, 'primitive')} by more than their size"
-        lost.append(f"{chosen.name} has {chosen.bits}: with one of {farthest} it {what}")
-    unit = (model.drawing.white or 1.0) if chosen.in_white and model.drawing.linear else 1.0
-    if n := _beyond(model.splats, chosen.largest_sh * unit * (1 + SH_ROUNDING)):
-        most = f"±{chosen.largest_sh * unit:.4g}"
-        lost.append(f"{chosen.name} has no SH coefficients beyond {most}, to which it clamps {counted(n, 'primitive')}")
-    if model.drawing.linear and math.isfinite(chosen.brightest):
-        most = chosen.brightest * (model.drawing.white or 1.0)
-        if n := int((0.5 + C0 * model.splats.sh_coeffs[:, 0] > most).any(axis=1).sum()):
-            lost.append(f"{chosen.name} has no radiance above {most:.4g}, to which it clamps {counted(n, 'primitive')}")
-    return lost
+        clamped.append(f"{chosen.name} has {chosen.bits}: with one of {farthest} it {what}")
+    unit = (drawing.white or 1.0) if chosen.in_white and drawing.linear else 1.0
+    if n := _beyond(splats, chosen.largest_sh * unit * (1 + ROUNDING)):
+        what = f"SH coefficients beyond ±{chosen.largest_sh * unit:.4g}"
+        clamped.append(f"{chosen.name} has no {what}, to which it clamps {counted(n, 'primitive')}")
+    least, most = (bound * unit for bound in (chosen.radiance if drawing.linear else chosen.colors))
+    colors = 0.5 + C0 * splats.sh_coeffs[:, 0]  # [N, 3]
+    above = (colors > most * (1 + ROUNDING)).any(axis=1)
+    lightened = min(chosen.sh_degree, splats.sh_degree) > 0  # what is black may be, by what depends on the view
+    below = (-colors > -least * (1 + ROUNDING)).any(axis=1) & lightened
+    if n := int((below | above).sum()):
+        sides = " or ".join([f"below {least:.4g}"] * bool(below.any()) + [f"above {most:.4g}"] * bool(above.any()))
+        what = "radiance" if drawing.linear else "mean colour (where 1 is white)"
+        clamped.append(f"{chosen.name} has no {what} {sides}, to which it clamps {counted(n, 'primitive')}")
+    return clamped
 
 
 def _beyond(splats: Splats, most: float) -> int:

@@ -10,14 +10,15 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.aovs import read_names
-from ..formats.read import read_model
+from ..formats.read import read_model, require_primitives
 from ..scene.appearance import read_appearance
 from ..support.errors import DataError, writing
-from ..support.files import replacing
+from ..support.files import replacing, require_place
 from ..support.pictures import without_aovs, write_channels, write_exr, write_png
 from ..support.srgb import linear_to_srgb
 from ..support.variants import require_arrays, require_variant
 from .picture import Picture, as_taken, picture_of, premultiplied
+from .picture_memory import require_memory
 from .picture_options import PictureOptions
 from .scene_picture import picture_of_scene
 from .viewpoint import viewpoint
@@ -56,8 +57,10 @@ def render_model(
     require_suffix(out)
     names = _aovs(out, aovs)
     read = read_model(model)
+    require_primitives(model, read, "render")
     view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
     options.require_for(view.drawn.linear)
+    require_memory(out, view.camera.width, view.camera.height, suffix, "ask for a smaller picture, as by --downscale 2")
     background = view.background if suffix == ".png" else 0.0
     if appearance and view.drawn.linear:
         raise DataError("--appearance", "is of photographs, and the model holds linear radiance", "leave it out")
@@ -99,8 +102,9 @@ def render_scene(
     require_suffix(out)
     if out.suffix.lower() == ".npz":
         raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
+    require_place(out)
     with drawing or nullcontext():
-        bitmap = picture_of_scene(path, spp, on_pass, denoise, sensor, defined)
+        bitmap = picture_of_scene(path, spp, on_pass, denoise, sensor, defined, out.suffix.lower())
     if out.suffix.lower() == ".exr":
         planes = np.array(bitmap).reshape(bitmap.height(), bitmap.width(), -1)  # [H, W, channels]
         named = {field.name: planes[..., k] for k, field in enumerate(bitmap.struct_())}

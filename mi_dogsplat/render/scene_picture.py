@@ -18,6 +18,7 @@ from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.threads import threads_to_load
 from ..support.wording import counted
 from .denoise import denoised, require_denoiser
+from .picture_memory import require_memory
 
 TAKEN = ("path", "parallel", "optimize")  # arguments of ``mi.load_file``
 _UNUSED = re.compile(r"unused parameters:\s+- \$(?P<name>.+)=")
@@ -29,6 +30,7 @@ def picture_of_scene(
     denoise: bool = False,
     sensor: int = 0,
     defined: Mapping[str, str] | None = None,
+    suffix: str = "",
 ) -> Any:
     """The ``mi.Bitmap`` of a scene, with all channels of its film; type stubs lack what is used of it.
 
@@ -39,6 +41,7 @@ def picture_of_scene(
         denoise: the picture of an integrator ``dogpath``, see ``denoise.py``.
         sensor: which one, in the order of the file, from 0.
         defined: values of parameters of the scene, which it calls ``$name``, by their names.
+        suffix: of the file that is to be made of it, by which its memory is estimated.
 
     Needs a Mitsuba variant. Raises ``DataError``, also for what Mitsuba has to say about the scene.
     """
@@ -50,7 +53,7 @@ def picture_of_scene(
         require_denoiser("--denoise")
     file = as_mitsuba_reads(path)
     try:
-        return _drawn(file, spp, on_pass, denoise, sensor, defined)
+        return _drawn(file, spp, on_pass, denoise, sensor, defined, suffix)
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
         if isinstance(error, DataError):
             raise
@@ -64,6 +67,7 @@ def _drawn(
     denoise: bool,
     sensor: int,
     defined: Mapping[str, str] | None,
+    suffix: str,
 ) -> Any:
     from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
 
@@ -83,6 +87,8 @@ def _drawn(
     else:
         warn_of_unseen_splats(Path(file), defined)
     film = scene.sensors()[sensor].film()
+    width, height = map(int, film.crop_size())
+    require_memory(file, width, height, suffix, "make its film smaller")
     if denoise:
         _ask_for_guides(integrator, film)
     with interruptible():

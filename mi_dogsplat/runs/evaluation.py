@@ -9,7 +9,7 @@ from pathlib import Path
 from ..datasets import camera_extent, load_dataset
 from ..datasets.dataset import View
 from ..datasets.masks import Masks, all_black
-from ..formats.read import read_model
+from ..formats.read import read_model, require_primitives
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, view_files
 from ..measure.lpips import Lpips
 from ..render.picture import background_color, picture_of
@@ -50,6 +50,7 @@ def evaluate_model(
     """
     require_arrays()
     read = read_model(model)
+    require_primitives(Path(model), read, "measure")
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
     options.require_for(drawn.linear)
     dataset = load_dataset(data, options.shrink, on_disk=data_on_disk)

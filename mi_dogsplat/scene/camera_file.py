@@ -18,6 +18,7 @@ from typing import Any
 
 from ..support.errors import DataError
 from ..support.files import read_json, replacing
+from ..support.json_values import number_in
 from .cameras import Camera, nearest_rigid
 
 MOST_PIXELS = 16_384  # of a side, as of a film
@@ -45,14 +46,14 @@ def camera_from_json(content: Any, mirror: bool = False) -> Camera:
     missing = [name for name in ("w2c", "fx", "width", "height") if name not in content]
     if missing:
         raise ValueError(f'lacks "{missing[0]}"')
-    width, height = (float(content[name]) for name in ("width", "height"))
+    width, height = number_in(content, "width"), number_in(content, "height")
     if not (width.is_integer() and height.is_integer()):
         raise ValueError(f"width {width:g} and height {height:g} must be whole numbers of pixels")
     if max(width, height) > MOST_PIXELS:
         raise ValueError(f"width {width:.0f} and height {height:.0f} are too large: at most {MOST_PIXELS} pixels each")
-    fx = float(content["fx"])
-    fy = float(content.get("fy", fx))
-    cx, cy = float(content.get("cx", width / 2)), float(content.get("cy", height / 2))
+    fx = number_in(content, "fx")
+    fy = number_in(content, "fy", fx)
+    cx, cy = number_in(content, "cx", width / 2), number_in(content, "cy", height / 2)
     return Camera(nearest_rigid(content["w2c"], mirror), fx, fy, cx, cy, int(width), int(height))
 
 

@@ -27,10 +27,11 @@ class DataError(ValueError):
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Ctrl-C within is ``KeyboardInterrupt``, which Dr.Jit wraps in a ``RuntimeError`` where it renders."""
+    """Ctrl-C within is ``KeyboardInterrupt``, which Dr.Jit wraps in a ``RuntimeError`` where it renders, and Python in
+    a ``SystemError`` where Mitsuba imports what a variant needs."""
     try:
         yield
-    except RuntimeError as error:
+    except (RuntimeError, SystemError) as error:
         cause: BaseException | None = error
         while cause := cause.__cause__ or cause.__context__:
             if isinstance(cause, KeyboardInterrupt):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import shutil
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from .errors import DataError, writing
@@ -23,14 +26,21 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
     Whenever the process or the machine dies, ``path`` is the old file or the new one, whole; of a process that is
     killed a ``part`` may remain (``remove_parts``). An ``OSError`` of writing names ``path``.
+
+    Where ``path`` is a symbolic link, it stays one, and the file that it leads to is written. A new file has the
+    permissions of any other new one, an old one keeps its own.
     """
     path = Path(path)
-    part = path.with_name(f".{path.name[:40]}.{uuid.uuid4().hex[:12]}{PART}")  # short: names have at most 255 bytes
     path.parent.mkdir(parents=True, exist_ok=True)
+    target = written_file(path)
+    part = target.with_name(f".{path.name[:40]}.{uuid.uuid4().hex[:12]}{PART}")  # short: names have at most 255 bytes
     try:
         yield part
         _to_disk(part)  # a crash after the rename must not leave a name without its content
-        os.replace(part, path)
+        if os.name == "posix":
+            with suppress(OSError):  # of a new file, and where a disk knows no permissions
+                shutil.copymode(target, part)
+        os.replace(part, target)
     except OSError as error:
         # a full disk names nothing, or what was copied; and by its random name nobody knows the part
         if error.filename is None or str(part) in (str(error.filename), str(error.filename2)):
@@ -40,7 +50,31 @@ def replacing(path: str | Path) -> Iterator[Path]:
         with suppress(OSError):  # of a disk that is read-only: what was raised before says so by the name of the file
             part.unlink(missing_ok=True)
     if os.name == "posix":  # elsewhere a folder cannot be opened
-        _to_disk(path.parent)
+        _to_disk(target.parent)
+
+
+def written_file(path: Path) -> Path:
+    """The file that a new content under this name is for: where ``path`` is a symbolic link, that to which it leads.
+
+    That need not be there yet. Raises ``OSError`` for links in a circle, and for pipes and devices, whose place a file
+    would take.
+    """
+    file = Path(os.path.realpath(path)) if path.is_symlink() else path
+    if file.is_symlink():
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
+    if file.exists() and not (file.is_file() or file.is_dir()):
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+    return file
+
+
+def require_place(path: Path) -> None:
+    """Raise ``DataError`` where ``replacing`` could not write a file, which makes its folder: said before long work."""
+    with writing(path):
+        folder = written_file(path).parent
+        made_in = () if path.is_symlink() else folder.parents  # no folder is made where a link leads
+        there = next((place for place in (folder, *made_in) if place.exists()), folder)
+        with TemporaryFile(dir=there):
+            pass
 
 
 def _to_disk(path: Path) -> None:

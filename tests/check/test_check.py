@@ -1,6 +1,7 @@
 """``dogsplat check``: its curves of runs, its files, its command line."""
 
 import json
+import sys
 from pathlib import Path
 
 import mi_dogsplat
@@ -128,6 +129,15 @@ def test_a_model_is_framed_when_no_camera_is_named(capsys, model, tmp_path, monk
     assert whole["mean_error"] > 1e-3  # it is in view
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a file system whose names are bytes, as Linux has it")
+def test_a_model_whose_name_is_no_utf_8_has_a_page(capsys, model, tmp_path, monkeypatch, few_points):
+    monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda width: [])
+    path = tmp_path / "caf\udce9.ply"  # é of Latin-1, as Python has it
+    path.write_bytes(model.read_bytes())
+    assert run(capsys, path, "-o", tmp_path, "--only", "work-precision", "--width", 16, "--rounds", 1)[0] == 0
+    assert "caf\\udce9.ply" in (tmp_path / "check.html").read_text(encoding="utf-8")
+
+
 def test_every_curve_has_a_colour_and_a_marker_of_its_own():
     style = (TEMPLATES / "style.css").read_text(encoding="utf-8")
     for number in range(1, len(GROUPS) + 1):
@@ -219,7 +229,7 @@ def test_bad_input_is_one_line_that_names_it(capsys, model, tmp_path):
         ([model, "-o", out, "--only", "stability"], "model.ply", "work-precision"),
         ([tmp_path / "missing.ply", "-o", out], "missing.ply"),
         ([tmp_path / "bad.ply", "-o", out], "bad.ply"),
-        ([tmp_path / "empty.ply", "-o", out], "empty.ply", "no primitives"),
+        ([tmp_path / "empty.ply", "-o", out], "empty.ply", "the model is empty"),
         ([model, "-o", out, "--camera", "0"], "--data"),
         (["-o", out, "--only", "stability", "--data", "photos"], "--data: says from where a model is seen"),
         (["-o", out, "--only", "stability", "--camera", "0"], "--camera: says from where a model is seen"),

@@ -41,12 +41,13 @@ def test_what_a_stopped_training_has_done_is_not_lost_to_a_new_one(capsys, model
     require_no_stopped_run(tmp_path / "run")  # it came to its end
 
 
-def test_ctrl_c_within_a_render_is_one_line_too(capsys):
+@pytest.mark.parametrize("kind", [RuntimeError, SystemError])
+def test_ctrl_c_within_a_render_or_an_import_by_mitsuba_is_one_line_too(capsys, kind):
     def stopped():
         try:
             raise KeyboardInterrupt
         except KeyboardInterrupt as error:
-            raise RuntimeError("what Dr.Jit makes of it") from error
+            raise kind("what Dr.Jit, or Python, makes of it") from error
 
     assert one_line_errors(stopped) == 130
     assert capsys.readouterr().err == "dogsplat: stopped before the end; nothing is half-written\n"
@@ -71,6 +72,38 @@ def test_a_command_that_is_stopped_says_so_and_leaves_nothing(
     assert status == 128 + number
     assert err.splitlines()[-1] == "dogsplat: stopped before the end; nothing is half-written"
     assert not any(path.is_file() for path in tmp_path.rglob("*"))
+
+
+STARTED = """
+import signal, sys
+
+class Loading:  # of a package that the command stands on
+    def find_spec(self, name, path=None, target=None):
+        if name == "mitsuba" and "loading" in sys.argv:
+            signal.raise_signal(signal.SIGINT)
+
+sys.argv = sys.argv[1:]
+sys.meta_path.insert(0, Loading())
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell may let this process ignore
+from mi_dogsplat.cli import main
+from mi_dogsplat.cli.commands import info
+info.run = lambda args: signal.raise_signal(signal.SIGINT)
+sys.exit(main(["info", "model.ply"]))
+"""
+
+
+@pytest.mark.parametrize("script, moment, status, last", [
+    ("dogsplat", "loading", 130, None),
+    ("program", "loading", 1, "KeyboardInterrupt"),
+    ("dogsplat", "at work", 130, "dogsplat: stopped before the end; nothing is half-written"),
+])  # fmt: skip
+def test_ctrl_c_while_the_command_loads_its_packages_ends_it_quietly(script, moment, status, last):
+    """Other programs get an exception for it, as of any import."""
+    words = [sys.executable, "-c", STARTED, f"bin/{script}", moment]
+    done = subprocess.run(words, cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    lines = done.stderr.splitlines() or [None]
+    assert lines[-1] == last and (script == "program" or len(lines) == 1), done.stderr
+    assert done.returncode in (status, -signal.SIGINT if script == "program" else status) and done.stdout == ""
 
 
 def test_what_knows_better_how_it_goes_on_says_so(capsys):

@@ -4,6 +4,7 @@ import errno
 import gzip
 import io
 import json
+import os
 import struct
 import zipfile
 import zlib
@@ -48,10 +49,21 @@ def test_where_nothing_can_be_written_is_said_before_anything_is_made_of_a_model
     read_source(model, tmp_path / "small.ply", "simplify")
     with pytest.raises(DataError, match=r"small.ply: cannot be written \(there is no such folder\)"):
         read_source(model, tmp_path / "no folder" / "small.ply", "simplify")
-    monkeypatch.setattr("mi_dogsplat.formats.read.TemporaryFile", read_only)
+    monkeypatch.setattr("mi_dogsplat.support.files.TemporaryFile", read_only)
     with pytest.raises(DataError, match=r"small.ply: cannot be written \(Read-only file system\)"):
         read_source(model, tmp_path / "small.ply", "simplify")
     assert list(tmp_path.iterdir()) == [model]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="other systems may not let their user make links")
+def test_where_the_link_that_is_to_be_written_leads_is_looked_at_before_anything_is_made_of_a_model(tmp_path):
+    model = written(tmp_path / "model.ply", foreign_model.model())
+    (tmp_path / "small.ply").symlink_to(tmp_path / "unmounted" / "small.ply")
+    with pytest.raises(DataError, match=r"small.ply: cannot be written \(leads into .*unmounted, which is no folder\)"):
+        read_source(model, tmp_path / "small.ply", "simplify")
+    (tmp_path / "itself.ply").symlink_to("model.ply")
+    with pytest.raises(DataError, match="itself.ply: is the model itself"):
+        read_source(model, tmp_path / "itself.ply", "simplify")
 
 
 @pytest.mark.parametrize("part", ["scales", "sh0", "shN"])

@@ -5,6 +5,7 @@ import gzip
 import numpy as np
 import pytest
 from hdr_data import bright_truth
+from mi_dogsplat.formats import spz
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.write import write_model
@@ -69,6 +70,17 @@ def test_spz_clamps_what_is_far_above_white_and_tells(tmp_path):
     lost = write_model(tmp_path / "a.spz", model)
     assert lost == [f"SPZ has no radiance above 5.12e+05, to which it clamps {n} primitives"]
     assert colours(read_model(tmp_path / "a.spz").splats).max() == pytest.approx(1024 * WHITE, rel=1e-3)
+
+
+def test_spz_clamps_what_is_darker_than_black_and_tells(tmp_path):
+    """What depends on the view may lighten it."""
+    splats = truth().uniform_sh(1)
+    splats.sh_coeffs[:] = 0
+    splats.sh_coeffs[0, 0] = (0.9 * WHITE * spz.RADIANCE[0] - 0.5) / 0.28209479
+    splats.sh_coeffs[1, 0] = (1.1 * WHITE * spz.RADIANCE[0] - 0.5) / 0.28209479
+    (line,) = write_model(tmp_path / "a.spz", Model(splats, DRAWING))
+    assert line == f"SPZ has no radiance below {WHITE * spz.RADIANCE[0]:.4g}, to which it clamps 1 primitive"
+    assert colours(read_model(tmp_path / "a.spz").splats).min() == pytest.approx(WHITE * spz.RADIANCE[0], rel=1e-3)
 
 
 def test_the_comment_of_spz_is_one_of_gzip_and_display_referred_files_have_none(tmp_path):

@@ -149,6 +149,25 @@ def test_sh_coefficients_that_a_format_cannot_say_are_told(tmp_path, suffix, mos
     assert np.abs(back).max() == pytest.approx((most or 5) * unit, rel=0.01)
 
 
+@pytest.mark.parametrize(("suffix", "said"), [
+    (".spz", "SPZ has no mean colour (where 1 is white) below -0.4403 or above 1.44, to which it clamps 2 primitives"),
+    (".splat", ".splat has no mean colour (where 1 is white) above 1, to which it clamps 1 primitive"),
+    (".sog", None), (".compressed.ply", None), (".glb", None), (".ply", None),
+])  # fmt: skip
+def test_mean_colours_that_a_format_cannot_say_are_told(tmp_path, suffix, said):
+    """What is darker than black is black, unless something that depends on the view may lighten it."""
+    model = foreign_model.model().uniform_sh(1)
+    model.sh_coeffs[:] = 0
+    model.sh_coeffs[:2, 0, 1] = 5, -5
+    lost = write_model(tmp_path / f"a{suffix}", model)
+    assert [line for line in lost if "view-dependent" not in line] == ([said] if said else [])
+    back = read_model(tmp_path / f"a{suffix}")
+    assert write_model(tmp_path / f"b{suffix}", back) == []
+    found = 0.5 + 0.28209479 * back.splats.sh_coeffs[:, 0]
+    expected = {".spz": (-0.4403, 1.4403), ".splat": (0, 1)}.get(suffix, (-0.9105, 1.9105))
+    assert (found.min(), found.max()) == pytest.approx(expected, abs=1e-3)
+
+
 @pytest.mark.parametrize("farthest", [10.0, 1e4])
 def test_primitives_that_compressed_ply_moves_beside_one_far_away_are_told(tmp_path, farthest):
     fine = with_one_far_away(farthest, -4)

@@ -223,16 +223,26 @@ def test_a_place_that_cannot_be_written_is_named(model, tmp_path):
         render(model, tmp_path / "folder.png")
 
 
-def test_a_model_without_primitives_is_background_without_depth(tmp_path):
+def test_without_primitives_there_is_background_without_depth():
     picture = picture_of(Splats.empty(1), 1.0, aovs=("depth",))(tiny_data.cameras()[0])
     assert picture.depth is not None
     assert picture.color.min() == 1 and picture.alpha.max() == 0 and picture.depth.max() == 0
-    write_ply(tmp_path / "empty.ply", Splats.empty(1))
-    render(tmp_path / "empty.ply", tmp_path / "v.png")
-    assert read_png(tmp_path / "v.png").max() == 0
 
 
 # --- Mitsuba scenes ---
+
+
+def test_where_nothing_can_be_written_is_said_before_a_scene_is_drawn(tmp_path, monkeypatch):
+    def drawn(*_, **__):
+        raise AssertionError("the scene is drawn")
+
+    monkeypatch.setattr("mitsuba.render", drawn)
+    path = scene_file(tmp_path, SPHERE + SENSOR)
+    before = sorted(tmp_path.iterdir())
+    for out in (path / "s.png", path / "new" / "s.exr"):  # in a file that is no folder
+        with pytest.raises(DataError, match=rf"^{out}: cannot be written"):
+            render_scene(path, out)
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_a_scene_is_written_linear_as_exr_and_encoded_as_png(tmp_path):

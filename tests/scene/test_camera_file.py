@@ -39,6 +39,9 @@ def test_a_camera_file_may_leave_out_what_follows_from_the_rest(tmp_path):
         ({"height": 200_000}, "too large: at most 16384"),
         ({"height": 0}, "must have a pixel"),
         ({"cx": float("nan")}, "not finite"),
+        ({"fx": None}, '"fx" is null, no number'),
+        ({"cy": None}, '"cy" is null, no number'),
+        ({"width": [40]}, r'"width" is \[40\], no number'),
     ],
 )
 def test_a_wrong_camera_file_is_told_in_one_line_with_the_format(tmp_path, changes, message):

@@ -5,7 +5,8 @@ import json
 import os
 
 import pytest
-from mi_dogsplat.support.files import is_empty, replacing, write_json
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.files import is_empty, replacing, require_place, write_bytes, write_json
 from mi_dogsplat.support.resumable import begin
 
 
@@ -57,3 +58,61 @@ def test_a_part_that_cannot_be_removed_does_not_hide_why_nothing_was_written(tmp
     with pytest.raises(OSError) as caught, replacing(tmp_path / "a.txt") as part:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(part))
     assert caught.value.filename == str(tmp_path / "a.txt")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_a_file_that_is_written_again_keeps_its_permissions(tmp_path):
+    """What nobody else may read stays so, and what a group may write, too."""
+    for mode in (0o600, 0o664, 0o444):
+        path = tmp_path / f"{mode:o}.bin"
+        path.write_bytes(b"old")
+        path.chmod(mode)
+        write_bytes(path, b"new")
+        assert path.read_bytes() == b"new" and path.stat().st_mode & 0o777 == mode
+    (tmp_path / "like.bin").touch()
+    write_bytes(tmp_path / "new.bin", b"new")
+    assert (tmp_path / "new.bin").stat().st_mode == (tmp_path / "like.bin").stat().st_mode
+
+
+def linked(place, target):
+    """A symbolic link, where the system lets its user make one."""
+    try:
+        place.symlink_to(target)
+    except OSError as error:
+        pytest.skip(f"no symbolic links here: {error}")
+    return place
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_symbolic_link_stays_one_and_what_it_leads_to_is_written(tmp_path, there):
+    """Also where that is not there yet, and where another link leads to it, from another folder."""
+    for folder in ("models", "links"):
+        (tmp_path / folder).mkdir()
+    target = tmp_path / "models" / "a.bin"
+    if there:
+        target.write_bytes(b"old")
+    first = linked(tmp_path / "models" / "newest.bin", "a.bin")
+    second = linked(tmp_path / "links" / "a.bin", "../models/newest.bin")
+    write_bytes(second, b"new")
+    assert target.read_bytes() == b"new" and not target.is_symlink() and first.is_symlink() and second.is_symlink()
+    assert sorted(path.name for path in tmp_path.rglob("*.bin")) == ["a.bin", "a.bin", "newest.bin"]
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_links_that_lead_nowhere_are_refused_by_their_own_names_and_stay(tmp_path):
+    links = {"away.bin": "unmounted/a.bin", "one.bin": "other.bin", "other.bin": "one.bin"}
+    paths = [linked(tmp_path / name, target) for name, target in links.items()]
+    for path in paths:
+        for attempt in (require_place, lambda place: write_bytes(place, b"new")):
+            with pytest.raises(DataError, match=rf"^{path}: cannot be written \("):
+                attempt(path)
+    assert sorted(tmp_path.iterdir()) == sorted(paths) and all(path.is_symlink() for path in paths)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of POSIX")
+def test_no_file_takes_the_place_of_a_pipe(tmp_path):
+    os.mkfifo(tmp_path / "pipe.png")
+    for path in (tmp_path / "pipe.png", linked(tmp_path / "link.png", "pipe.png")):
+        with pytest.raises(DataError, match=rf"^{path}: cannot be written \(not a regular file\)"):
+            write_bytes(path, b"new")
+    assert (tmp_path / "pipe.png").is_fifo() and (tmp_path / "link.png").is_symlink()
