@@ -87,10 +87,15 @@ class DogSplatEngine(bpy.types.RenderEngine):
         return self._rendered
 
     def update_render_passes(self, scene: bpy.types.Scene, renderlayer: bpy.types.ViewLayer) -> None:
-        """Offer the passes to the compositor."""
+        """Offer the passes to the compositor.
+
+        Its Alpha is that of Combined. Another pass of that name costs the node its sockets and links, and may even end
+        Blender.
+        """
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
         for name, (channels, letters, kind, _) in passes.offered(renderlayer).items():
-            self.register_pass(scene, renderlayer, name, channels, letters, kind)
+            if name != passes.ALPHA:
+                self.register_pass(scene, renderlayer, name, channels, letters, kind)
 
     def _show(
         self, scene: bpy.types.Scene, order: Order, picture: dict[str, np.ndarray], layer: str, view: str
