@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import traceback
+
 import bpy
 import numpy as np
 from bpy.app.translations import pgettext_iface as iface_
@@ -10,6 +12,7 @@ from .cameras.objects import Eye
 from .engine import passes
 from .engine.order import Order, make_order, tidy
 from .engine.settings import ENGINE
+from .files.errors import readable
 from .package.renderers import choose_renderer
 from .package.served import Cancelled, RendererError
 from .preferences import command_of
@@ -37,8 +40,15 @@ class DogSplatEngine(bpy.types.RenderEngine):
         except Cancelled:
             return
         except (ValueError, OSError, RendererError) as error:
-            self.report({"ERROR"}, str(error))
-            self.error_set(str(error))
+            self._fail(str(error))
+        except Exception as error:  # of which Blender would save an empty frame, or end where that is OpenEXR
+            traceback.print_exc()
+            self._fail(f"{type(error).__name__}: {error}")
+
+    def _fail(self, problem: str) -> None:
+        line = readable(" ".join(problem.split()))
+        self.report({"ERROR"}, line)
+        self.error_set(line)
 
     def _render_view(self, depsgraph: bpy.types.Depsgraph, view: str, done: float, share: float) -> None:
         """Render one of the views of a view layer, which is this share of the work. Raises as ``render`` catches."""
