@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import traceback
+
 import bpy
 import numpy as np
 from bpy.app.translations import pgettext_iface as iface_
@@ -10,6 +12,7 @@ from .cameras.objects import Eye
 from .engine import passes
 from .engine.order import Order, make_order, tidy
 from .engine.settings import ENGINE
+from .files.errors import readable
 from .package.renderers import choose_renderer
 from .package.served import Cancelled, RendererError
 from .preferences import command_of
@@ -37,8 +40,15 @@ class DogSplatEngine(bpy.types.RenderEngine):
         except Cancelled:
             return
         except (ValueError, OSError, RendererError) as error:
-            self.report({"ERROR"}, str(error))
-            self.error_set(str(error))
+            self._fail(str(error))
+        except Exception as error:  # of which Blender would save an empty frame, or end where that is OpenEXR
+            traceback.print_exc()
+            self._fail(f"{type(error).__name__}: {error}")
+
+    def _fail(self, problem: str) -> None:
+        line = readable(" ".join(problem.split()))
+        self.report({"ERROR"}, line)
+        self.error_set(line)
 
     def _render_view(self, depsgraph: bpy.types.Depsgraph, view: str, done: float, share: float) -> None:
         """Render one of the views of a view layer, which is this share of the work. Raises as ``render`` catches."""
@@ -87,10 +97,15 @@ class DogSplatEngine(bpy.types.RenderEngine):
         return self._rendered
 
     def update_render_passes(self, scene: bpy.types.Scene, renderlayer: bpy.types.ViewLayer) -> None:
-        """Offer the passes to the compositor."""
+        """Offer the passes to the compositor.
+
+        Its Alpha is that of Combined. Another pass of that name costs the node its sockets and links, and may even end
+        Blender.
+        """
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
         for name, (channels, letters, kind, _) in passes.offered(renderlayer).items():
-            self.register_pass(scene, renderlayer, name, channels, letters, kind)
+            if name != passes.ALPHA:
+                self.register_pass(scene, renderlayer, name, channels, letters, kind)
 
     def _show(
         self, scene: bpy.types.Scene, order: Order, picture: dict[str, np.ndarray], layer: str, view: str

@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix
 
-from ..files.errors import FileError, told
+from ..files.errors import FileError, readable, told
 from ..objects.attributes import has_splats
 from ..objects.conventions import UP_AXES, conversion, placement
 from ..translations import OWN
@@ -106,7 +106,7 @@ class DOGSPLAT_OT_look_through(bpy.types.Operator):
 
 def _title(path: Path) -> str:
     folder = path if path.is_dir() else path.parent
-    return folder.resolve().name
+    return readable(folder.resolve().name)
 
 
 def _image_size(path: Path) -> tuple[int, int]:

@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Vector
 
-from ..files.errors import FileError, told
+from ..files.errors import FileError, readable, told
 from ..objects.attributes import has_splats
 from ..objects.conventions import placement
 from ..translations import OWN
@@ -45,7 +45,7 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         obj = build_camera(scene.collection, keys[0].camera, matrix, str(path), False)
-        obj.name = obj.data.name = path.stem
+        obj.name = obj.data.name = readable(path.stem)
         rate, start = scene.render.fps / scene.render.fps_base, scene.frame_start
         for key in keys:
             _insert(obj, key, matrix, start + (key.time - keys[0].time) * rate)

@@ -16,6 +16,7 @@ from .cryptomatte import float_of, key_of, manifest
 from .order import Order
 
 NOT_HIT = 1e10  # depth where nothing is, as in Cycles
+ALPHA = "Alpha"
 OBJECT_INDEX = "Object Index" if bpy.app.version >= (5, 0) else "IndexOB"
 MATTE = "CryptoObject"  # and two digits: two objects in each
 # By the name in Blender: channels, their names, kind, and what the package calls what it is made from
@@ -42,14 +43,14 @@ def wanted(layer: bpy.types.ViewLayer) -> list[str]:
 def offered(layer: bpy.types.ViewLayer) -> dict[str, tuple[int, str, str, str]]:
     """The passes of Blender beside Combined, as in ``DATA``."""
     names = wanted(layer)
-    return {"Alpha": (1, "A", "VALUE", "alpha")} | {name: row for name, row in DATA.items() if row[3] in names}
+    return {ALPHA: (1, "A", "VALUE", "alpha")} | {name: row for name, row in DATA.items() if row[3] in names}
 
 
 def values(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Scene) -> dict[str, np.ndarray]:
     """[H, W, C] of every pass that the picture has, rows from the top."""
     picture = {name: _as_high(array, order.camera.height) for name, array in picture.items()}
     alpha = picture["alpha"]
-    found = {"Combined": _combined(order, picture, scene), "Alpha": alpha[..., None]}
+    found = {"Combined": _combined(order, picture, scene), ALPHA: alpha[..., None]}
     if "depth" in picture:
         depth = picture["depth"]
         found["Depth"] = np.where(np.isfinite(depth) & (alpha > 0), depth, NOT_HIT)[..., None]

@@ -16,7 +16,7 @@ class FileError(ValueError):
     """
 
     def __init__(self, path: str | Path, problem: str, remedy: str, **values: Any):
-        super().__init__(" ".join(f"{path}: {told(problem, **values)}; {rpt_(remedy)}".split()))
+        super().__init__(readable(" ".join(f"{path}: {told(problem, **values)}; {rpt_(remedy)}".split())))
 
 
 def told(text: str, **values: Any) -> str:
@@ -24,6 +24,11 @@ def told(text: str, **values: Any) -> str:
     if not values:
         return rpt_(text)
     return rpt_(text).format(**{key: _part(value) for key, value in values.items()})
+
+
+def readable(text: str | Path) -> str:
+    """As Blender's names and messages can have it: names of files may be bytes that no text has in UTF-8."""
+    return str(text).encode("utf-8", "replace").decode("utf-8")
 
 
 def type_name(data: Any) -> str:

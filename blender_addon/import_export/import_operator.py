@@ -16,7 +16,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatPrope
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 from mathutils import Matrix
 
-from ..files.errors import FileError, told
+from ..files.errors import FileError, readable, told
 from ..files.model import GROUPS, Model, importance, sigmoid
 from ..files.read import EXTENSIONS, read_model
 from ..files.said import Said
@@ -207,7 +207,7 @@ def _editable(context: bpy.types.Context) -> bpy.types.Collection:
 
 def build_object(context: bpy.types.Context, path: Path, model: Model, said: Said, matrix: Matrix) -> bpy.types.Object:
     """An object of a model in the active collection, with modifier and materials; after an error, nothing."""
-    name = path.stem if path.stem != "point_cloud" else path.resolve().parent.name  # of a run folder
+    name = readable(path.stem if path.stem != "point_cloud" else path.resolve().parent.name)  # of a run folder
     mesh = bpy.data.meshes.new(name)
     obj = bpy.data.objects.new(name, mesh)
     with ExitStack() as undo:

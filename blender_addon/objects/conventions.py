@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from ..files.errors import readable
 from ..files.light import Light
 from ..files.linear_map import is_similarity
 from ..files.said import Said
@@ -48,7 +49,7 @@ def metres_of_unit(scene: bpy.types.Scene) -> float:
 
 def remember(obj: bpy.types.Object, source: str, convention: str, matrix: Matrix) -> None:
     """Write down the file, its convention and the matrix from its coordinates to Blender's."""
-    obj[SOURCE], obj[CONVENTION] = source, convention
+    obj[SOURCE], obj[CONVENTION] = readable(source), convention
     obj[IMPORT_MATRIX] = [value for row in matrix for value in row]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .export import Plugin, rgb
 
 SMOOTH = 0.02  # roughness below which a mirror is perfect
+LEAST_IOR = 1e-5  # of Cycles, which takes smaller ones as this
 BLACK: Plugin = {"type": "diffuse", "reflectance": rgb((0, 0, 0))}
 
 

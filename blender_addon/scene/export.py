@@ -50,6 +50,11 @@ def blender_rgb(color: Any) -> Plugin:
     return rgb(np.maximum(from_working(color[:3]), 0))
 
 
+def reflected_rgb(color: Any) -> Plugin:
+    """The same of a surface, which in Mitsuba reflects, or lets through, no more light than it gets."""
+    return rgb(np.minimum(blender_rgb(color)["value"], 1))
+
+
 def matrix(values: Any) -> Plugin:
     """A transform."""
     return {"matrix": np.array(values, np.float64).tolist()}

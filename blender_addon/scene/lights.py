@@ -112,7 +112,8 @@ def _spot(export: Export, data: bpy.types.Light, intensity: np.ndarray, world: n
     }  # fmt: skip
 
 
-def _area(export: Export, data: bpy.types.Light, power: np.ndarray, world: np.ndarray) -> Plugin:
+def _area(export: Export, data: bpy.types.Light, power: np.ndarray, world: np.ndarray) -> Plugin | None:
+    """None where it has no size, and so gives no light in Cycles either."""
     if data.spread < math.pi - 0.01:
         export.note('"{light}": an area light shines to all sides, whatever its spread', light=data.name)
     width, height = data.size, data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
@@ -120,6 +121,8 @@ def _area(export: Export, data: bpy.types.Light, power: np.ndarray, world: np.nd
     across, along = (np.linalg.norm(place[:3, k]) for k in (0, 1))
     is_round = data.shape in ("DISK", "ELLIPSE")
     area = across * along * (math.pi if is_round else 4)
+    if area == 0:
+        return None
     emitter = {"type": "area", "radiance": rgb(power / (math.pi * (area if getattr(data, "normalize", True) else 1)))}
     shape = "disk" if is_round else "rectangle"
     return {"type": shape, "to_world": matrix(place @ LOOKING), "bsdf": NOTHING, "emitter": emitter}

@@ -12,8 +12,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .bsdf import BLACK, SMOOTH, glass, two_sided
-from .export import Export, Plugin, blender_rgb, rgb
+from .bsdf import BLACK, LEAST_IOR, SMOOTH, glass, two_sided
+from .export import Export, Plugin, reflected_rgb, rgb
 from .principled import bent, left_to_diffuse, note_normal, principled
 from .products import product
 from .sockets import Reader, active_tree, output_of
@@ -47,7 +47,7 @@ def surface(export: Export, material: bpy.types.Material | None, uv_maps: frozen
     tree = material and active_tree(material)
     if material is None or tree is None:
         color = DEFAULT if material is None else material.diffuse_color
-        return Surface(two_sided({"type": "diffuse", "reflectance": blender_rgb(color)}))
+        return Surface(two_sided({"type": "diffuse", "reflectance": reflected_rgb(color)}))
     reader = Reader(export, material.name, uv_maps)
     output = output_of(tree)
     if output is None:
@@ -83,7 +83,7 @@ def _viewport(material: bpy.types.Material) -> Surface:
 
 def _plastic(color: Sequence[float], roughness: float, metallic: float) -> Surface:
     """A Principled BSDF that has else what a new one has."""
-    base = blender_rgb(np.multiply(color[:3], left_to_diffuse(metallic, PLASTIC)))
+    base = reflected_rgb(np.multiply(color[:3], left_to_diffuse(metallic, PLASTIC)))
     values = {"base_color": base, "roughness": roughness, "metallic": metallic, "eta": PLASTIC}
     return Surface(two_sided({"type": "principled", **values}))
 
@@ -94,13 +94,13 @@ def _principled(reader: Reader, node: bpy.types.Node) -> Surface:
 
 
 def _diffuse(reader: Reader, node: bpy.types.Node) -> Surface:
-    diffuse = {"type": "diffuse", "reflectance": reader.color(node.inputs["Color"])}
+    diffuse = {"type": "diffuse", "reflectance": reader.reflectance(node.inputs["Color"])}
     return Surface(two_sided(bent(reader, node, diffuse)))
 
 
 def _glossy(reader: Reader, node: bpy.types.Node) -> Surface:
-    roughness = reader.constant(node.inputs["Roughness"])
-    color = {"material": "none", "specular_reflectance": reader.color(node.inputs["Color"])}
+    roughness = reader.constant(node.inputs["Roughness"], 0.0, 1.0)
+    color = {"material": "none", "specular_reflectance": reader.reflectance(node.inputs["Color"])}
     if roughness < SMOOTH:
         return Surface(two_sided(bent(reader, node, {"type": "conductor", **color})))
     rough = {"type": "roughconductor", "distribution": "ggx", "alpha": roughness**2, **color}
@@ -109,24 +109,25 @@ def _glossy(reader: Reader, node: bpy.types.Node) -> Surface:
 
 def _glass(reader: Reader, node: bpy.types.Node) -> Surface:
     note_normal(reader, node)
-    color = reader.color(node.inputs["Color"])
+    color = reader.reflectance(node.inputs["Color"])
     tints = {"specular_transmittance": color}
     if node.type == "BSDF_GLASS":
         tints["specular_reflectance"] = color
-    return Surface(glass(reader.constant(node.inputs["Roughness"]), reader.constant(node.inputs["IOR"]), tints))
+    roughness = reader.constant(node.inputs["Roughness"], 0.0, 1.0)
+    return Surface(glass(roughness, reader.constant(node.inputs["IOR"], LEAST_IOR), tints))
 
 
 def _translucent(reader: Reader, node: bpy.types.Node) -> Surface:
     note_normal(reader, node)
-    color = reader.color(node.inputs["Color"])
+    color = reader.reflectance(node.inputs["Color"])
     return Surface({"type": "principledthin", "base_color": color, "roughness": 1.0, "eta": 1.001, "diff_trans": 2.0})
 
 
 def _transparent(reader: Reader, node: bpy.types.Node) -> Surface:
     """A grey is an opacity; glass that neither bends nor mirrors has any colour."""
-    color = reader.color(node.inputs["Color"])
+    color = reader.reflectance(node.inputs["Color"])
     if color["type"] == "rgb" and np.ptp(color["value"]) < GREY:
-        return Surface(BLACK, None, 1 - min(color["value"][0], 1.0))
+        return Surface(BLACK, None, 1 - color["value"][0])
     return Surface({"type": "thindielectric", "int_ior": 1.0, "ext_ior": 1.0, "specular_transmittance": color})
 
 
@@ -137,7 +138,7 @@ def _emission(reader: Reader, node: bpy.types.Node) -> Surface:
 
 def _mixed(reader: Reader, node: bpy.types.Node, first: Surface, second: Surface) -> Surface:
     """``Fac`` is the share of the second; what is transparent becomes the opacity of the other."""
-    share = reader.number(node.inputs[0])
+    share = reader.share(node.inputs[0])
     if first.opacity == 0 and second.opacity is None:
         return replace(second, radiance=_weakened(reader, second.radiance, share), opacity=share)
     if isinstance(share, dict):

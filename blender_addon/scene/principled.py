@@ -7,7 +7,7 @@ import math
 import bpy
 import numpy as np
 
-from .bsdf import glass, two_sided
+from .bsdf import LEAST_IOR, glass, two_sided
 from .export import Plugin, rgb
 from .sockets import Reader, constant_of
 
@@ -25,24 +25,24 @@ def principled(reader: Reader, node: bpy.types.Node) -> tuple[Plugin, Plugin | N
     for name, weight in TINTS.items():
         if constant_of(inputs[weight]) != 0 and not np.array_equal(constant_of(inputs[name]), (1, 1, 1)):
             reader.note('"{name}" is left out', name=name)
-    transmission = reader.number(inputs["Transmission Weight"])
-    metallic, roughness = reader.number(inputs["Metallic"]), reader.number(inputs["Roughness"])
-    ior = reader.constant(inputs["IOR"])
+    transmission = reader.share(inputs["Transmission Weight"])
+    metallic, roughness = reader.share(inputs["Metallic"]), reader.share(inputs["Roughness"])
+    ior = reader.constant(inputs["IOR"], LEAST_IOR)
     if isinstance(transmission, float) and transmission > TRANSPARENT and metallic == 0:
-        rough = roughness if isinstance(roughness, float) else reader.constant(inputs["Roughness"])
+        rough = roughness if isinstance(roughness, float) else reader.constant(inputs["Roughness"], 0.0, 1.0)
         bsdf = glass(rough, ior, {"specular_transmittance": _root(reader, inputs["Base Color"])})
         note_normal(reader, node)
     else:
         values = {"metallic": metallic, "roughness": roughness, **_coatings(reader, node)}
         if transmission == 0:
-            eta = eta_of(ior, reader.constant(inputs["Specular IOR Level"]))
-            values["base_color"] = reader.color(inputs["Base Color"], left_to_diffuse(metallic, eta))
+            eta = eta_of(ior, reader.constant(inputs["Specular IOR Level"], 0.0))
+            values["base_color"] = reader.reflectance(inputs["Base Color"], left_to_diffuse(metallic, eta))
             bsdf = two_sided(bent(reader, node, {"type": "principled", "eta": eta, **values}))
         else:
-            base = reader.color(inputs["Base Color"])
+            base = reader.reflectance(inputs["Base Color"])
             values |= {"eta": max(ior, 1.001), "spec_trans": transmission, "base_color": base}
             bsdf = bent(reader, node, {"type": "principled", **values})
-    alpha = reader.number(inputs["Alpha"])
+    alpha = reader.share(inputs["Alpha"])
     return bsdf, _radiance(reader, node), None if alpha == 1 else alpha
 
 
@@ -64,19 +64,19 @@ def left_to_diffuse(metallic: float | Plugin, eta: float) -> float:
 def _coatings(reader: Reader, node: bpy.types.Node) -> Plugin:
     """Sheen and coat, where there are any; Disney's coat is a quarter as strong as Blender's of weight one."""
     found: Plugin = {}
-    if sheen := reader.constant(node.inputs["Sheen Weight"]):
-        found |= {"sheen": min(sheen, 1.0)}
-    if coat := reader.constant(node.inputs["Coat Weight"]):
-        roughness = reader.constant(node.inputs["Coat Roughness"])
+    if sheen := reader.constant(node.inputs["Sheen Weight"], 0.0, 1.0):
+        found |= {"sheen": sheen}
+    if coat := reader.constant(node.inputs["Coat Weight"], 0.0, 1.0):
+        roughness = reader.constant(node.inputs["Coat Roughness"], 0.0, 1.0)
         if reader.source(node.inputs["Coat Normal"]) != reader.source(node.inputs["Normal"]):
             reader.note("its coat has the normals of what is below it")
-        found |= {"clearcoat": min(coat, 1.0), "clearcoat_gloss": 1 - min(roughness, 1.0)}
+        found |= {"clearcoat": coat, "clearcoat_gloss": 1 - roughness}
     return found
 
 
 def _root(reader: Reader, socket: bpy.types.NodeSocket) -> Plugin:
     """Light passes two interfaces, and the colour is that of both."""
-    base = reader.color(socket)
+    base = reader.reflectance(socket)
     if base["type"] != "rgb":
         reader.note("the texture colors what is seen through it at each of its two surfaces")
         return base

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +12,11 @@ import numpy as np
 from mathutils import Euler
 
 from ..files.errors import told
-from .export import Export, Plugin, blender_rgb
+from .export import Export, Plugin, blender_rgb, rgb
 from .images import bitmap
 
 OWN_VALUE = 'the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value'
+ROUNDING = 1e-4  # of white in another working space
 WRAPPING = {"REPEAT": "repeat", "EXTEND": "clamp", "MIRROR": "mirror"}
 
 
@@ -43,6 +45,20 @@ class Reader:
             return blender_rgb(np.multiply(socket.default_value[:3], factor))
         return texture
 
+    def reflectance(self, socket: bpy.types.NodeSocket, factor: float = 1.0) -> Plugin:
+        """The same of what a surface reflects or lets through, of which Mitsuba takes no colour above 1."""
+        color = self.color(socket, factor)
+        if color["type"] != "rgb":
+            return color
+        if max(color["value"]) > 1 + ROUNDING:
+            self.note("colors above 1 are drawn as 1")
+        return rgb(np.minimum(color["value"], 1))
+
+    def share(self, socket: bpy.types.NodeSocket) -> float | Plugin:
+        """A number, brought to 0..1 as Cycles does, or a texture."""
+        value = self.number(socket)
+        return min(max(value, 0.0), 1.0) if isinstance(value, float) else value
+
     def number(self, socket: bpy.types.NodeSocket) -> float | Plugin:
         """A number or a texture."""
         source = self.source(socket)
@@ -54,13 +70,13 @@ class Reader:
         texture = self.texture(source)
         return float(socket.default_value) if texture is None else texture
 
-    def constant(self, socket: bpy.types.NodeSocket) -> float:
-        """A number, where Mitsuba takes no texture."""
+    def constant(self, socket: bpy.types.NodeSocket, least: float = -math.inf, most: float = math.inf) -> float:
+        """A number, where Mitsuba takes no texture, brought between two others as Cycles does."""
         value = self.number(socket)
-        if isinstance(value, float):
-            return value
-        self.note('the texture of "{socket}" is left out', socket=socket.name)
-        return float(socket.default_value)
+        if not isinstance(value, float):
+            self.note('the texture of "{socket}" is left out', socket=socket.name)
+            value = float(socket.default_value)
+        return min(max(value, least), most)
 
     def source(self, socket: bpy.types.NodeSocket) -> Any:
         """As ``source_of``."""

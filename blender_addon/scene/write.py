@@ -115,9 +115,8 @@ def write_scene(
 
 
 def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
-    """Whether it is splats, or what their nodes draw them with."""
-    parent = instance.parent
-    return has_splats(instance.object.original) or bool(parent and has_splats(parent.original))
+    """Whether it is splats, or what their nodes draw them with, which is of the same object."""
+    return has_splats(instance.object.original)
 
 
 def _note_rays(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> None:

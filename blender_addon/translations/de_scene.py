@@ -73,6 +73,7 @@ NOTES = {
     "a transparent shader that is added to another is left out": (
         "ein transparenter Shader, der zu einem anderen addiert wird, wird weggelassen"
     ),
+    "colors above 1 are drawn as 1": "Farben über 1 werden als 1 gezeichnet",
     "of two lights the first is kept": "von zwei Lichtern bleibt das erste",
     "the texture colors what is seen through it at each of its two surfaces": (
         "die Textur färbt, was durch sie zu sehen ist, an jeder der beiden Oberflächen"

@@ -228,6 +228,21 @@ def test_what_is_missing_in_the_scene_is_said(scene, by_command, prepare, messag
     assert message in refusal()
 
 
+def test_an_error_that_nobody_expects_writes_no_frame(scene, by_command, monkeypatch, tmp_path):
+    """Blender writes one without a picture where an engine ends by an exception, and of OpenEXR ends itself."""
+
+    def fails(*_):
+        raise KeyError("color")
+
+    monkeypatch.setattr(engine, "make_order", fails)
+    place_camera(scene, "dog")
+    scene.render.engine, scene.render.filepath = engine.ENGINE, str(tmp_path / "frame_")
+    scene.frame_end = 2
+    with pytest.raises(RuntimeError, match="KeyError: 'color'"):
+        bpy.ops.render.render(animation=True)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("make", [lambda: None, lambda: bpy.data.meshes.new("mesh")])
 def test_an_object_that_is_no_camera_is_refused(scene, by_command, make):
     """Blender looks through any."""

@@ -74,6 +74,19 @@ def test_a_light_that_takes_light_away_is_said_to_be_left_out(scene, tmp_path):
     assert written_lights(scene, tmp_path) == ([], [f'"{lamp.name}": a light of negative power is left out'])
 
 
+@pytest.mark.parametrize("shape", ["SQUARE", "ELLIPSE"])
+def test_an_area_of_no_size_is_dark(scene, tmp_path, shape):
+    """One that grows from nothing begins so, and its size divides nothing."""
+    lamp = light(scene, "AREA", (1, 1, 3), energy=100, shape=shape)
+    assert len(written_lights(scene, tmp_path)[0]) == 1
+    lamp.scale = 0, 0, 0
+    cycles, ours = both(scene, tmp_path)
+    assert cycles.max() == ours.max() == 0
+    assert written_lights(scene, tmp_path) == ([], [])
+    lamp.scale, lamp.data.size = (1, 1, 1), 0
+    assert written_lights(scene, tmp_path) == ([], [])
+
+
 @pytest.mark.parametrize("scale", [(2, 1, 1), (1, 1.5, 1), (0.4, 0.8, 1), (1, 1, 2), (-2, 1, 1)])
 def test_the_cone_of_a_spot_is_scaled_with_it(scene, tmp_path, scale):
     spot = light(scene, "SPOT", (0.3, 0.1, 2), (0.2, 0.3, 0.5), energy=100, shadow_soft_size=0, spot_size=1.2)

@@ -60,6 +60,31 @@ def test_passes_of_splats_alone(scene, by_command, tmp_path):
     assert not any(name.startswith(("Normal", OBJECT_INDEX, "Crypto")) for name in seen)
 
 
+def test_the_compositor_is_offered_each_once(scene):
+    """Its own Alpha is that of Combined, and links to it stay where passes come and go."""
+    scene.render.engine = engine.ENGINE
+    if hasattr(scene, "compositing_node_group"):  # Blender 5
+        scene.compositing_node_group = bpy.data.node_groups.new("Compositor", "CompositorNodeTree")
+        tree = scene.compositing_node_group
+    else:
+        scene.use_nodes = True
+        tree = scene.node_tree
+        tree.nodes.clear()
+    source = tree.nodes.new("CompositorNodeRLayers")
+
+    def offered():
+        return [socket.name for socket in source.outputs if socket.enabled]
+
+    assert offered() == ["Image", "Alpha"]
+    target = tree.nodes.new("CompositorNodeBlur")
+    tree.links.new(source.outputs["Alpha"], target.inputs[0])
+    for name in SETTINGS.values():
+        setattr(scene.view_layers[0], name, True)
+    bpy.context.view_layer.update()
+    assert offered() == ["Image", "Alpha", "Depth", "Normal", OBJECT_INDEX, "CryptoObject00", "CryptoObject01"]
+    assert [link.from_socket.name for link in tree.links] == ["Alpha"]
+
+
 def test_passes_of_a_scene(scene, by_command, tmp_path):
     """Splats in front of a wall that fills the picture."""
     place_camera(scene, "square")

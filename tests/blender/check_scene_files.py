@@ -6,10 +6,13 @@ import bpy
 import pytest
 from blender_pictures import with_alpha
 from model_files import load
+from references import REFERENCES
+from scattering import scattering
 from surroundings import GREY, background, body, camera, image, light, link, material, plane, sphere
 
 from blender_addon.cameras.objects import camera_numbers
 from blender_addon.engine.settings import ENGINE
+from blender_addon.nodes.modifier import set_input, splat_modifier
 from blender_addon.scene.export import Export
 from blender_addon.scene.images import bitmap
 from blender_addon.scene.write import write_scene
@@ -236,6 +239,18 @@ def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):
     kinds = [value["type"] for value in described.values()]
     assert kinds.count("shapegroup") == 1 and kinds.count("instance") == 4 and len(result.files) == 2
     assert [of.name for of in result.objects] == [first.name, "copy 0", "copy 1", "copy 2"]
+
+
+def test_what_stands_on_splats_is_a_body(scene, tmp_path):
+    """Instances that a model makes of another object, after what draws it: its quads have four corners each."""
+    camera(scene, (0, 0, 8))
+    obj = load(REFERENCES / "dog.ply")
+    set_input(splat_modifier(obj), "Show As", "Quads")
+    flower = plane(0.1)
+    flower.hide_viewport = True
+    obj.modifiers.new("flowers", "NODES").node_group = scattering(flower)
+    _, described = written(scene, tmp_path)
+    assert sum(shape.get("type") == "instance" for shape in described.values()) == 4 * len(obj.data.vertices)
 
 
 def test_a_mesh_without_faces_is_no_shape(scene, by_command, tmp_path):
