@@ -184,6 +184,21 @@ def test_a_place_that_cannot_be_written_is_said(model, tmp_path):
         export(tmp_path / "nowhere" / "out.ply")
 
 
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere not everybody may make links")
+def test_a_symbolic_link_stays_one_and_what_it_leads_to_is_written(model, tmp_path):
+    load(model)
+    (tmp_path / "models").mkdir()
+    link, circle = tmp_path / "newest.ply", tmp_path / "circle.ply"
+    link.symlink_to("models/a.ply")
+    circle.symlink_to("circle.ply")
+    for _ in range(2):  # what it leads to is not there at first
+        export(link)
+        assert link.is_symlink() and (tmp_path / "models" / "a.ply").read_bytes() == model.read_bytes()
+    with pytest.raises(RuntimeError, match="circle.ply: cannot be written"):
+        export(circle)
+    assert circle.is_symlink() and not list(tmp_path.rglob("*.part"))
+
+
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
 def test_files_have_the_permissions_of_new_files_and_keep_their_own(model, tmp_path):
     load(model)
