@@ -48,7 +48,7 @@ def test_a_target_that_a_start_does_not_reach_is_told_once_before_any_run_begins
     above = TrainConfig("", **settings, target=10**6)
     table = compare(above, [str(data)], out, [0], names, targets=[0.5], progress=lines.append)
     problem = table["failed"].pop("tiny, seed 0: densified start")
-    assert "--target: the target of 1000000 primitives is not below the " in problem and not table["failed"]
+    assert "--target: the target of 1,000,000 primitives is not below the " in problem and not table["failed"]
     assert len(lines) == 2 and not table["methods"]  # there are no render times either
     start = out / "tiny" / "seed_0" / "start.npz"
     before = start.stat().st_mtime_ns

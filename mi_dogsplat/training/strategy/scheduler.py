@@ -34,7 +34,7 @@ def target_count(target: float, n: int) -> int:
     if count < 1:
         raise ValueError(f"the target {target:g} of {counted(n, 'primitive')} leaves none")
     if count >= n:
-        raise ValueError(f"the target of {count} primitives is not below the {n} that there are")
+        raise ValueError(f"the target of {counted(count, 'primitive')} is not below the {n:,} that there are")
     return count
 
 

@@ -98,7 +98,7 @@ def test_a_count_that_densification_does_not_reach_is_an_event_and_no_prune(data
     rows = list(run_to_end(trainer))
     n = trainer.optimizer.n
     (skipped,), (activated,) = records(rows, "not_pruned"), records(rows, "dog_activated")
-    assert f" 1000000 primitives is not below the {n} " in skipped["reason"] and activated["count"] == n
+    assert f" 1,000,000 primitives is not below the {n:,} " in skipped["reason"] and activated["count"] == n
 
 
 def test_a_recipe_can_take_the_place_of_the_preset(data):
