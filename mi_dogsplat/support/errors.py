@@ -23,7 +23,10 @@ class DataError(ValueError):
         place, what = (text if len(text) <= QUOTED else text[:QUOTED] + "..." for text in (str(path), problem))
         line = " ".join(f"{place}: {what}; {remedy}".split())
         super().__init__(printable(line))
-        self.path = Path(path)
+        self.path, self._given = Path(path), (path, problem, remedy)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._given  # how it goes from process to process, and is copied
 
 
 @contextmanager
