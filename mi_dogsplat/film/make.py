@@ -17,7 +17,7 @@ from ..render.picture import picture_of
 from ..render.picture_memory import require_memory
 from ..render.picture_options import PictureOptions
 from ..runs.stopping import Stopped, StopRequest
-from ..support.errors import DataError, writing
+from ..support.errors import DataError, undisguised, writing
 from ..support.settings import refuse
 from ..support.variants import require_arrays
 from ..support.wording import counted
@@ -94,13 +94,13 @@ def make_film(
         cameras = [path.at(float(share)).camera(*size) for share in moments[number]]
         return exposed(picture, cameras, background, alpha)
 
-    with writing(out):
+    with undisguised(progress) as told, writing(out):
         if pictures is None:
             require_even(out, size)
-            _video(out, frame, n, size, config, lambda done: progress(done, n, what))
+            _video(out, frame, n, size, config, lambda done: told(done, n, what))
         else:
             with pictures.claimed(_settings(subject, config, n, size) | {"cameras_sha256": path.sha256(moments)}):
-                _pictures(pictures, frame, n, lambda done: progress(done, n, what))
+                _pictures(pictures, frame, n, lambda done: told(done, n, what))
     return Film(n, size, path.what)
 
 

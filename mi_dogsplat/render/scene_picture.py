@@ -13,7 +13,7 @@ import numpy as np
 from ..datasets.scene_file import warn_of_unseen_splats
 from ..plugin.denoising import AOV, CHANNELS
 from ..plugin.film import pixel_format_of
-from ..support.errors import DataError, interruptible
+from ..support.errors import DataError, interruptible, undisguised
 from ..support.scene_errors import as_mitsuba_reads, scene_error
 from ..support.threads import threads_to_load
 from ..support.wording import counted
@@ -52,12 +52,13 @@ def picture_of_scene(
     if denoise:
         require_denoiser("--denoise")
     file = as_mitsuba_reads(path)
-    try:
-        return _drawn(file, spp, on_pass, denoise, sensor, defined, suffix)
-    except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
-        if isinstance(error, DataError):
-            raise
-        raise scene_error(path, error, "Mitsuba cannot render it") from error
+    with undisguised(on_pass) as told:
+        try:
+            return _drawn(file, spp, told, denoise, sensor, defined, suffix)
+        except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
+            if isinstance(error, DataError):
+                raise
+            raise scene_error(path, error, "Mitsuba cannot render it") from error
 
 
 def _drawn(

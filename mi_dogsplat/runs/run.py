@@ -16,7 +16,7 @@ from ..datasets.refined import require_photographs
 from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import CONFIG, HISTORY, METRICS, POSED, RECIPE
-from ..support.errors import DataError
+from ..support.errors import DataError, undisguised
 from ..support.files import PART, is_empty, remove_parts, write_json
 from ..support.locks import locked
 from ..support.variants import require_arrays
@@ -113,12 +113,12 @@ def train(
     del model  # its memory is for the training
     if start:
         restore_from(trainer, start)
-    with _begun(trainer, out, resume):
+    with undisguised(progress) as told, _begun(trainer, out, resume):
         if method:
             write_json(out / RECIPE, dict(method))
-        progress({"step": trainer.step_count, "n": trainer.optimizer.n})
-        _train(trainer, out, progress)
-        progress({"step": trainer.step_count, "n": trainer.optimizer.n, "measured": len(trainer.dataset.test)})
+        told({"step": trainer.step_count, "n": trainer.optimizer.n})
+        _train(trainer, out, told)
+        told({"step": trainer.step_count, "n": trainer.optimizer.n, "measured": len(trainer.dataset.test)})
         with stopped_with(MEASURING):
             return finish(trainer, trainer.dataset, out)
 

@@ -29,6 +29,9 @@ class Stopped(KeyboardInterrupt):
         super().__init__(message)
         self.signal_number = signal_number
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.signal_number)  # how it goes from process to process
+
 
 class StopRequest:
     """``with StopRequest() as stop``: the first of the ``stop_signals`` is kept in ``stop.signal_number`` (else 0).

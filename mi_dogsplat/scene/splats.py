@@ -255,13 +255,16 @@ class Splats:
     def select(self, which: ArrayLike) -> Splats:
         """The primitives ``which``, a mask [N] or indices in any order (repeats allowed); rows of groups go along.
 
-        Raises ``ValueError`` for a mask of another length, ``IndexError`` for an index out of range.
+        Raises ``ValueError`` for a mask of another length and for indices that are no list, ``IndexError`` for an index
+        out of range.
         """
         chosen = np.asarray(which)
         if chosen.size == 0 and chosen.dtype != bool:
             chosen = chosen.astype(np.int64)  # an empty Python list arrives as float64
         if chosen.dtype == bool and chosen.shape != (self.n_splats,):
             raise ValueError(f'Splats.select: mask {list(chosen.shape)}, "means" has {counted(self.n_splats, "row")}')
+        if chosen.ndim != 1:
+            raise ValueError(f"Splats.select: indices {list(chosen.shape)}, expected [N']; one alone is [i]")
         old_from_new = np.arange(self.n_splats)[chosen]  # [N'] plain indices, whatever came in
 
         arrays = {name: getattr(self, name)[old_from_new] for name in DENSE}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from .wording import printable
 
@@ -22,7 +23,10 @@ class DataError(ValueError):
         place, what = (text if len(text) <= QUOTED else text[:QUOTED] + "..." for text in (str(path), problem))
         line = " ".join(f"{place}: {what}; {remedy}".split())
         super().__init__(printable(line))
-        self.path = Path(path)
+        self.path, self._given = Path(path), (path, problem, remedy)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._given  # how it goes from process to process, and is copied
 
 
 @contextmanager
@@ -36,6 +40,31 @@ def interruptible() -> Iterator[None]:
         while cause := cause.__cause__ or cause.__context__:
             if isinstance(cause, KeyboardInterrupt):
                 raise KeyboardInterrupt from error
+        raise
+
+
+class _OnItsWay(Exception):
+    """What the function of a caller raised, until the caller has it."""
+
+
+@contextmanager
+def undisguised(function: Any) -> Iterator[Any]:
+    """A function that a caller gave, or None, to be called within: what it raises reaches the caller as it is, whatever
+    was made of it on its way, such as an error of the scene or file that was at work."""
+    raised: list[Exception] = []
+
+    def called(*args: Any) -> Any:
+        try:
+            return function(*args)
+        except Exception as error:
+            raised.append(error)
+            raise _OnItsWay from error  # which nobody takes for an error of a file, and adds to
+
+    try:
+        yield called if function else None
+    except Exception:
+        if raised:
+            raise raised[-1] from None
         raise
 
 

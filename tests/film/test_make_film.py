@@ -220,6 +220,16 @@ def test_a_disk_that_is_full_in_the_middle_of_a_video_is_one_line(model, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["film.mp4", "frames"])
+def test_what_the_callers_function_raises_is_not_blamed_on_the_disk(model, tmp_path, name):
+    def progress(done: int, n: int, what: str) -> None:
+        raise ConnectionResetError("nobody listens")
+
+    with pytest.raises(ConnectionResetError, match="^nobody listens$"):
+        make_film(model, tmp_path / name, config=SHORT, progress=progress)
+    assert not (tmp_path / "film.mp4").exists()
+
+
 def test_a_film_that_is_stopped_leaves_no_video(model, tmp_path):
     def stop(done: int, n: int, what: str) -> None:
         if done == 2:

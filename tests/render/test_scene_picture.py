@@ -80,3 +80,14 @@ def test_definitions_of_no_use_are_one_line(scene, tmp_path, capsys, given, line
 def test_a_model_has_neither_sensors_nor_parameters(model, tmp_path, capsys, flags, line):
     assert main(["render", str(model), "-o", str(tmp_path / "out.png"), *flags]) == 2
     assert capsys.readouterr().err.splitlines()[-1] == f"dogsplat: {line}"
+
+
+def test_what_the_callers_function_raises_is_not_blamed_on_the_scene(scene, model, tmp_path):
+    def on_pass(done, n):
+        raise ValueError(f"the caller's own, after {done} of {n}")
+
+    path = scene(f'<shape type="dog"><string name="filename" value="{model}"/></shape>')
+    path.write_text(path.read_text().replace('"path"', '"dogsplat"'))
+    with pytest.raises(ValueError, match="^the caller's own, after 1 of 2$"):
+        render_scene(path, tmp_path / "out.png", spp=2, on_pass=on_pass)
+    assert not (tmp_path / "out.png").exists()

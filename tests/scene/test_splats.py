@@ -1,6 +1,7 @@
 """Splats: shapes are checked once, activations are exact, selection keeps DoG rows with their primitive."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -141,6 +142,12 @@ def test_what_a_method_returns_shares_no_memory_with_the_model():
     for chosen in of_all:
         for ours, theirs in itertools.product(vars(chosen).values(), vars(splats).values()):
             assert not np.shares_memory(ours, theirs)
+
+
+@pytest.mark.parametrize(("which", "shape"), [(3, []), ([[1, 2]], [1, 2]), (np.argwhere(np.ones(6)), [6, 1])])
+def test_indices_that_are_no_list_are_refused_with_their_shape(which, shape):
+    with pytest.raises(ValueError, match=re.escape(f"Splats.select: indices {shape}, expected [N']; one alone is [i]")):
+        make().select(which)
 
 
 def test_a_wrong_selection_is_refused():
