@@ -193,7 +193,7 @@ def test_a_sky_is_seen_however_far_it_is_and_so_is_what_stands_near_before_it(tm
         ({"w2c": (2 * np.eye(4)).tolist()}, "camera 1: the last row"),
         ({"width": 3.5}, "camera 1: width 3.5"),
         ({"name": "000"}, 'two views have the name "000"'),
-        ({"fx": None}, "camera 1: float() argument"),
+        ({"fx": None}, 'camera 1: "fx" is null, no number'),
     ],
 )
 def test_a_listed_camera_that_cannot_be_used_is_named(tmp_path, change, problem):

@@ -39,6 +39,7 @@ WRAPPED = 120  # characters of a line that is no table and no picture
 SHORT = {
     "train": {"--steps": "8", "--max-primitives": "80", "--sh-degree": "1"},
     "prune": {"--steps": "4"},
+    "render": {"--spp": "1"},
     "simplify": {"--steps": "4", "--views": "4", "--size": "24 18"},
     "film": {"--seconds": "0.2", "--fps": "10", "--size": "32 24", "--samples": "2"},
     "capture": {"--spp": "1", "--views": "4", "--test": "1", "--size": "24 18", "--points": "100"},
@@ -92,6 +93,8 @@ def shortened(argv: list[str]) -> list[str]:
     argv = list(argv)
     for flag, value in SHORT.get(argv[0], {}).items():
         if flag == "--samples" and "--shutter" not in argv:  # it is for motion blur alone
+            continue
+        if argv[0] == "render" and flag not in argv:  # a model has no samples
             continue
         if argv[0] == "capture" and flag in ("--views", "--test", "--size") and set(argv) & set(CAPTURED):
             continue
@@ -174,10 +177,12 @@ def folder(tmp_path, monkeypatch, trained, alpha_data) -> Path:
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     sensor = '<sensor type="perspective"><transform name="to_world"><lookat origin="0,-4,1" target="0,0,0" up="0,0,1"/>'
     sensor += '</transform><film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="18"/>'
-    scene = '<shape type="sphere"/><emitter type="constant"/>'
+    sensors = 2 * f"{sensor}</film></sensor>"
+    scene = '<default name="radius" value="1"/><shape type="sphere"><float name="radius" value="$radius"/></shape>'
+    scene += '<emitter type="constant"/>'
     splats = '<shape type="dog"><string name="filename" value="model.ply"/></shape>'
     for name, integrator, shapes in (("scene.xml", "path", scene), ("lit.xml", "dogpath", scene + splats)):
-        content = f'<integrator type="{integrator}"/>{shapes}{sensor}</film></sensor>'
+        content = f'<integrator type="{integrator}"/>{shapes}{sensors}'
         (tmp_path / name).write_text(f'<scene version="3.0.0">{content}</scene>')
     monkeypatch.setattr(refine, "STEPS", 3)  # of exports, some hundred otherwise
     monkeypatch.setattr(refine, "MOST_STEPS", 3)
