@@ -25,12 +25,12 @@ _UNUSED = re.compile(r"unused parameters:\s+- \$(?P<name>.+)=")
 
 def picture_of_scene(
     path: Path,
-    spp: int = 0,
-    on_pass: Callable[[int, int], None] | None = None,
-    denoise: bool = False,
-    sensor: int = 0,
-    defined: Mapping[str, str] | None = None,
-    suffix: str = "",
+    spp: int,
+    on_pass: Callable[[int, int], None] | None,
+    denoise: bool,
+    sensor: int,
+    defined: Mapping[str, str] | None,
+    suffix: str,
 ) -> Any:
     """The ``mi.Bitmap`` of a scene, with all channels of its film; type stubs lack what is used of it.
 
