@@ -28,6 +28,7 @@ def test_a_folder_that_says_nothing_of_its_contents_is_refused(tmp_path):
         same_settings(tmp_path, Namespace(data="fern"), "data", [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("main", "flags", "changed"),
     [

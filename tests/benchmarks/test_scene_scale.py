@@ -33,6 +33,7 @@ def test_a_scene_in_other_units_trains_alike(config, usual, scale):
     assert row["test_psnr"] == pytest.approx(usual, abs=ALIKE)
 
 
+@pytest.mark.slow
 def test_with_position_steps_in_units_of_the_world_it_does_not(config, usual, monkeypatch):
     at = LearningRates.at
     monkeypatch.setattr(LearningRates, "at", lambda self, *now: at(replace(self, extent=3.3), *now))

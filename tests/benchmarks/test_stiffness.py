@@ -114,6 +114,7 @@ def test_near_degeneracy_all_of_a_pair_is_flat_but_its_factor_and_nothing_is_dra
     assert "never drawn" in stiffness.measure(SITUATIONS[fine], "position")["verdict"]
 
 
+@pytest.mark.slow
 def test_gradient_descent_bears_two_over_the_curvature_and_adam_keeps_within_the_basin():
     rows = stiffness.rows(NEEDLE) + stiffness.rows(PLAIN)
     for row in rows:

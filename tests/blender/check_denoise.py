@@ -23,6 +23,6 @@ def test_noise_goes_when_the_samples_are_done(scene, model, tmp_path):
         scene.dogsplat.samples, scene.dogsplat.denoise = samples, denoise
         return picture(scene, engine.ENGINE, tmp_path)
 
-    truth, plain, clean = seen(400), seen(4), seen(4, denoise=True)
+    truth, plain, clean = seen(100), seen(4), seen(4, denoise=True)
     errors = [float(np.abs(image - truth).mean()) for image in (plain, clean)]
     assert errors[1] < 0.5 * errors[0], errors

@@ -5,7 +5,7 @@ import json
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import picture
+from blender_pictures import of_fine_pixels
 from surroundings import GREY, blocks, body, camera, image, light, link, material, plane
 
 from blender_addon.cameras.objects import camera_numbers
@@ -19,7 +19,7 @@ def both(scene, folder):
     """(by Cycles, by Mitsuba): a floor seen from above."""
     camera(scene, (0, 0, 8))
     body(plane(20), material("ShaderNodeBsdfDiffuse", Color=GREY))
-    return [blocks(picture(scene, engine, folder)) for engine in ("CYCLES", ENGINE)]
+    return [blocks(of_fine_pixels(scene, engine, folder)[..., :3]) for engine in ("CYCLES", ENGINE)]
 
 
 def written_lights(scene, folder):

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import picture
+from blender_pictures import of_fine_pixels
 from surroundings import HEIGHT, WIDTH, background, body, camera, image, light, link, material, sphere
 
 from blender_addon.engine.settings import ENGINE
@@ -47,7 +47,7 @@ def test_an_opaque_body_is_as_bright_as_in_cycles(scene, tmp_path, kind, lamp):
     else:
         background(scene, (1, 1, 1, 1))
     body(sphere(1.5), BODIES[kind]())
-    cycles, ours = (picture(scene, engine, tmp_path) for engine in ("CYCLES", ENGINE))
+    cycles, ours = (of_fine_pixels(scene, engine, tmp_path)[..., :3] for engine in ("CYCLES", ENGINE))
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     away = np.hypot(y - HEIGHT / 2 + 0.5, x - WIDTH / 2 + 0.5)
     for radius, tolerance in ((5, 0.015), (12, 0.03)):

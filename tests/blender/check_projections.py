@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import EEVEE, picture, psnr, rendered
+from blender_pictures import EEVEE, of_fine_pixels, picture, psnr, rendered
 from live_views import SIZE, space_of_camera
 from mathutils import Matrix
 from model_files import load
@@ -80,7 +80,7 @@ def test_a_scene_is_seen_along_parallel_rays(scene, by_command, tmp_path):
     walls = [body(plane(0.5), material("ShaderNodeEmission", Color=(1, 1, 1, 1), Strength=1.0)) for _ in range(2)]
     for wall, place in zip(walls, ((-0.4, 0.2, -3), (0.5, 0.3, -30)), strict=True):
         wall.matrix_world = scene.camera.matrix_world @ Matrix.Translation(place) @ Matrix.Rotation(0.4, 4, (1, 2, 3))
-    cycles, ours = (picture(scene, name, tmp_path)[..., 0] for name in ("CYCLES", engine.ENGINE))
+    cycles, ours = (of_fine_pixels(scene, name, tmp_path)[..., 0] for name in ("CYCLES", engine.ENGINE))
     assert 0.05 < cycles.mean() < 0.5 and psnr(ours, cycles) > 30
     assert ours.sum() == pytest.approx(cycles.sum(), rel=0.02)
 

@@ -5,7 +5,7 @@ import math
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import picture, with_alpha
+from blender_pictures import of_fine_pixels, picture
 from model_files import load
 from references import REFERENCES, place_camera
 from surroundings import (
@@ -29,9 +29,9 @@ from blender_addon import render_engine as engine
 pytestmark = pytest.mark.usefixtures("by_command")
 
 
-def both(scene, folder):
+def both(scene, folder, fine=4):
     """(by Cycles, by Mitsuba)"""
-    return picture(scene, "CYCLES", folder), picture(scene, engine.ENGINE, folder)
+    return [of_fine_pixels(scene, name, folder, fine)[..., :3] for name in ("CYCLES", engine.ENGINE)]
 
 
 @pytest.mark.parametrize("kind, values", [
@@ -138,18 +138,16 @@ def test_materials_look_as_in_cycles(scene, tmp_path):
     background(scene)
     body(plane(30), material("ShaderNodeBsdfDiffuse", Color=GREY))
     light(scene, "AREA", (2, -3, 5), (0.6, 0.3, 0), energy=300, size=5)
-    fine = 16  # many pixels of few samples: we draw the samples of a pixel in many steps
-    width = scene.render.resolution_x = WIDTH * fine
-    scene.render.resolution_y = 8 * fine  # what is above and below the balls is not looked at
+    scene.render.resolution_y = 8  # what is above and below the balls is not looked at
     columns = np.linspace(-2.4, 2.4, len(MATERIALS))
     for x, (kind, values, _) in zip(columns, MATERIALS.values(), strict=True):
         body(sphere(0.5, location=(x, 0, 0.55)), material(kind, **values))
-    scene.cycles.samples = scene.dogsplat.samples = 5000 // fine**2  # so many, as the balls light each other
-    cycles, mitsuba = both(scene, tmp_path)
-    centres = (width * (0.5 + columns / 9 * scene.camera.data.lens / 36)).astype(int)
+    scene.cycles.samples = scene.dogsplat.samples = 5000  # so many, as the balls light each other
+    cycles, mitsuba = both(scene, tmp_path, fine=16)
+    centres = (WIDTH * (0.5 + columns / 9 * scene.camera.data.lens / 36)).astype(int)
     for x, (name, (_, _, tolerance)) in zip(centres, MATERIALS.items(), strict=True):
-        for top in (2 * fine, 4 * fine):
-            half = np.s_[top : top + 2 * fine, x - 2 * fine : x + 2 * fine]
+        for top in (2, 4):
+            half = np.s_[top : top + 2, x - 2 : x + 2]
             seen, expected = (values[half].mean((0, 1)) for values in (mitsuba, cycles))
             assert np.abs(seen - expected).max() < tolerance * expected.max(), (name, seen, expected)
 
@@ -179,7 +177,7 @@ def test_what_shines_is_seen_and_lamps_are_not(scene, tmp_path, transparent):
     body(plane(2, location=(-1, 0, 0)), material("ShaderNodeEmission", Color=(1, 0.5, 0.25, 1), Strength=0.8))
     light(scene, "AREA", (0, 0, 3), (math.pi, 0, 0), energy=50, size=1)
     scene.render.film_transparent, scene.cycles.samples, scene.dogsplat.samples = transparent, 16, 16
-    cycles, ours = (with_alpha(scene, name, tmp_path) for name in ("CYCLES", engine.ENGINE))
+    cycles, ours = (of_fine_pixels(scene, name, tmp_path) for name in ("CYCLES", engine.ENGINE))
     assert cycles[HEIGHT // 2, WIDTH // 2 - 3] == pytest.approx((0.8, 0.4, 0.2, 1), abs=1e-3)
     assert (ours[0, 0, 3] == 0) == transparent
     assert np.abs(ours - cycles).mean() < 5e-3

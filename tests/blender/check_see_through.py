@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import picture, with_alpha
+from blender_pictures import of_fine_pixels
 from model_files import load
 from references import REFERENCES
 from surroundings import GREY, background, body, camera, image, light, link, material, plane, sphere
@@ -30,7 +30,7 @@ def both(scene, folder, of, sky=(0.3, 0.5, 0.2, 1), samples=64):
     background(scene, sky)
     body(plane(2), of)
     body(plane(20, location=(0, 0, -2)), material("ShaderNodeBsdfDiffuse", Color=GREY))
-    seen = (picture(scene, engine, folder)[10:-10, 18:-18] for engine in ("CYCLES", ENGINE))
+    seen = (of_fine_pixels(scene, engine, folder)[10:-10, 18:-18, :3] for engine in ("CYCLES", ENGINE))
     return [values.reshape(3, 4, 3, 4, 3).mean((1, 3)) for values in seen]
 
 
@@ -154,7 +154,7 @@ def test_behind_what_is_transparent_a_transparent_film_shows_nothing(scene, tmp_
     body(plane(20), made)
     if splats:
         load(REFERENCES / "plain.ply").location = 30, 0, 0
-    cycles, ours = (with_alpha(scene, engine, tmp_path).mean(axis=(0, 1)) for engine in ("CYCLES", ENGINE))
+    cycles, ours = (of_fine_pixels(scene, engine, tmp_path).mean(axis=(0, 1)) for engine in ("CYCLES", ENGINE))
     assert 0.2 < cycles[3] < 0.8
     assert ours == pytest.approx(cycles, abs=0.01)
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import with_alpha
+from blender_pictures import of_fine_pixels, with_alpha
 from drawn_panels import viewport
 from live_views import a_context, drawn_viewport, staged, through_the_camera
 from model_files import load
@@ -220,7 +220,7 @@ def test_masks_of_meshes_are_those_of_cycles(scene, by_command, tmp_path, mask, 
     body(plane(1, location=(-1.5, 0, 2)), material("ShaderNodeBsdfDiffuse", Color=(0.2, 0.2, 0.9, 1)))
     if mask:
         by_collection(masked, mask)
-    cycles, ours = (blocks(with_alpha(scene, name, tmp_path)) for name in ("CYCLES", render_engine.ENGINE))
+    cycles, ours = (blocks(of_fine_pixels(scene, name, tmp_path)) for name in ("CYCLES", render_engine.ENGINE))
     assert np.abs(ours - cycles).mean() < 0.01
     assert np.percentile(np.abs(ours - cycles), 95) < 0.05  # noise, and edges that filters blur
     if mask == "holdout":

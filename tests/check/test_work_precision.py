@@ -101,6 +101,7 @@ def test_knobs_that_a_model_does_not_have_make_no_curve(few_points):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
     result = measure(faint, rounds=1)
     assert (result["n"], result["n_dog"]) == (60, faint.splats.n_dog)

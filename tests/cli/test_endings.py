@@ -53,6 +53,7 @@ def test_ctrl_c_within_a_render_or_an_import_by_mitsuba_is_one_line_too(capsys, 
     assert capsys.readouterr().err == "dogsplat: stopped before the end; nothing is half-written\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("command", ["export", "simplify", "clean", "check", "render", "eval"])
 def test_a_command_that_is_stopped_says_so_and_leaves_nothing(

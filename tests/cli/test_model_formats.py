@@ -53,6 +53,7 @@ def test_render_info_eval_export_and_view_take_it(capsys, models, data, tmp_path
     assert to_ellipsoids(model)["centers"].shape == (60, 3)
 
 
+@pytest.mark.slow
 def test_check_and_prune_take_another_format(capsys, models, data, tmp_path, monkeypatch):
     for knob in ("ALPHA", "TRANSMITTANCE", "BOUND", "PATCH", "KEPT"):  # each setting is kernels
         monkeypatch.setattr(curves, knob, dict([*getattr(curves, knob).items()][:1]))

@@ -44,6 +44,7 @@ def table(folder) -> dict:
     return json.loads((folder / "comparison.json").read_text())
 
 
+@pytest.mark.slow
 def test_all_variants_of_a_seed_go_on_from_one_start(folder):
     for seed in (0, 1):
         start = load_checkpoint(folder / "tiny" / f"seed_{seed}" / "start.npz")

@@ -189,6 +189,7 @@ def test_what_is_complete_is_not_repeated(comparison, data, tmp_path):
     assert len(again) == 2 and {path: path.stat().st_mtime_ns for path in before} == before
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_is_named_and_the_others_go_on(comparison, data, tmp_path):
     out = tmp_path / "out"
     (out / "tiny" / "seed_0").mkdir(parents=True)
@@ -296,6 +297,7 @@ def test_a_task_that_was_cut_off_goes_on_and_ends_with_the_same_bits(
         assert [json.loads(row)["step"] for row in rows][-1] == 30
 
 
+@pytest.mark.slow
 def test_the_process_of_a_task_ends_when_whoever_started_it_is_killed(comparison, tmp_path):
     out, _, _ = comparison
     settings = json.loads((out / "tiny" / "config.json").read_text()) | {"steps": 10**7, "log_every": 10**6}

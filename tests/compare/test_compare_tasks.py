@@ -41,6 +41,7 @@ def test_a_target_that_the_start_does_not_reach_is_one_line(tmp_path):
             perform(Task("train", str(tmp_path), 0, (name,)), {})
 
 
+@pytest.mark.slow
 def test_a_target_that_a_start_does_not_reach_is_told_once_before_any_run_begins(data, tmp_path):
     """The start is kept for another target."""
     settings: dict[str, Any] = {"preset": "3dgs", "steps": 12, "sh_degree": 0}
@@ -59,6 +60,7 @@ def test_a_target_that_a_start_does_not_reach_is_told_once_before_any_run_begins
         compare(replace(above, target=0.25), [str(data)], out, [0], ("3dgs",))
 
 
+@pytest.mark.slow
 def test_a_baseline_meets_no_target(data, tmp_path):
     settings: dict[str, Any] = {"preset": "3dgs", "steps": 12, "sh_degree": 0, "target": 10**6}
     table = compare(TrainConfig("", **settings), [str(data)], tmp_path / "out", [0], ("3dgs",))

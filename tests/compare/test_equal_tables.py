@@ -179,6 +179,7 @@ def test_more_targets_are_below_the_cap_and_others_than_the_target(tmp_path, mon
     assert asked == [[0.5, 200]]
 
 
+@pytest.mark.slow
 def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path):
     data = write_tiny_data(tmp_path / "tiny")
     flags = "--steps 60 --sh-degree 1 --max-primitives 120 --target 0.25 --log-every 10".split()

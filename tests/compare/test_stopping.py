@@ -35,6 +35,7 @@ def saved_step(folder: Path) -> int:
     return int(load_checkpoint(folder / "seed_0" / "start" / "checkpoint" / "state.npz")["step"])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="there a process cannot be sent SIGTERM, only be ended")
 @pytest.mark.parametrize(
     "name, to_the_group, workers", [("SIGTERM", False, 0), ("SIGINT", True, 0), ("SIGINT", True, 1)]

@@ -216,6 +216,7 @@ def test_what_fits_has_no_bands():
     assert isinstance(passes(splats, camera, isect_memory=enough - 1)[0], BandedView)
 
 
+@pytest.mark.slow
 def test_the_memory_of_a_view_follows_the_bands_and_not_its_isects():
     """Peak of what Dr.Jit has allocated, above what it held before; it rounds sizes up to powers of two."""
     camera, n = make_camera(64, 512, f=100.0), 4000

@@ -14,6 +14,7 @@ FILTERED, NARROW = Film("luminance", "gaussian", 3), Film("luminance", "tent", 3
 CASES = pytest.mark.parametrize("case", cases(), ids=lambda case: case.name)
 
 
+@pytest.mark.slow
 @CASES
 def test_both_modes_equal_differences_of_the_twin_or_of_mi_render_itself(case: Case):
     if case.twin:
@@ -26,6 +27,7 @@ def test_both_modes_equal_differences_of_the_twin_or_of_mi_render_itself(case: C
     np.testing.assert_allclose(got, expected, rtol=tolerance)
 
 
+@pytest.mark.slow
 @CASES
 def test_both_modes_equal_differences_over_filtered_samples_on_a_film_that_converts_colours(case: Case):
     # Mitsuba compiles the derivative of a sky once for each pixel that a sample adds to: 16 with the one filter, which

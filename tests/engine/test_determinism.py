@@ -16,6 +16,7 @@ def assert_same_bits(state: dict[str, np.ndarray], expected: dict[str, np.ndarra
         np.testing.assert_array_equal(state[name], expected[name], err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("ordered", "all_cores")
 @pytest.mark.parametrize("preset", ["ours", "paper", "released"])
 def test_the_same_seed_gives_the_same_bits(preset, data):

@@ -302,6 +302,7 @@ def test_every_frozen_function_of_the_package_is_tried():
     assert {name.split()[0] for name in CASES} == set(frozen_functions())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_call_computes_the_same_whichever_was_recorded_before_it(name):
     """All settings in turn and back again: of each two, either comes first once, when the other is not recorded yet."""

@@ -54,6 +54,7 @@ def both(*given, **how) -> list:
 SETTINGS = [(model(),), (model(), 1), (model(**EVERYTHING),), (model(dog_share=0),), (model(), 0, ("means", "quats"))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("given", "more"), [*((given, {}) for given in SETTINGS), (SETTINGS[0], {"antialiased": True})], ids=range(6)
 )
@@ -118,6 +119,7 @@ def derivatives_of_a_render(names: tuple[str, ...]) -> dict[str, np.ndarray]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "names", [("splats.means", "splats.dog_log_scales"), ("sensor.x_fov",), ("splats.means", "sensor.x_fov")], ids=str
 )

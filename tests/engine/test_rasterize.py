@@ -155,6 +155,7 @@ def resident_bytes() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc to see the resident size")
 def test_memory_does_not_grow_over_300_steps():
     """Neither what Dr.Jit holds at its peak nor the process; N changes, as in training."""

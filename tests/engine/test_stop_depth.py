@@ -75,6 +75,7 @@ def small() -> tuple[Splats, np.ndarray, dict[str, np.ndarray]]:
     return splats, adjoint, differences(splats, loss, eps=1e-7)
 
 
+@pytest.mark.slow
 def test_backward_mode_stops_at_the_surface(small):
     splats, adjoint, expected = small
     params = attached(splats)

@@ -187,6 +187,7 @@ def test_without_cutoffs_every_tile_lists_what_float32_can_see():
         assert expected <= set(got.tolist())
 
 
+@pytest.mark.slow
 def test_more_tiles_than_one_counting_pass_has_buckets_are_sorted_too():
     camera = make_camera(4096, 1100, f=900.0)
     assert grid_of(camera).n_tiles > 1 << 14

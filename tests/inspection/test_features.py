@@ -61,6 +61,7 @@ def test_a_plain_model_leaves_out_what_it_has_not(tmp_path):
     assert "operations are instructions" in lines[-1]
 
 
+@pytest.mark.slow
 def test_the_parameters_add_up_to_those_of_the_model():
     sloped = with_curvatures(with_slopes(model(degree=3, dog_share=0.5), every=3), every=4)
     splats = with_shifts(with_second_cuts(with_cuts(sloped), every=5), every=7)
@@ -168,6 +169,7 @@ def test_the_operations_per_pixel_are_those_of_the_compositor(monkeypatch):
     assert forward < backward
 
 
+@pytest.mark.slow
 def test_each_choice_adds_operations():
     variant = mi.variant()
     plain = np.array(pair_operations(Settings(3), False, variant))

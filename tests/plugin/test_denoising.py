@@ -107,6 +107,7 @@ def test_what_light_passes_straight_has_the_guides_of_what_is_behind():
     np.testing.assert_allclose(found["albedo"], np.broadcast_to(GRAY, (10, 12, 3)), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_colours_and_derivatives_are_those_without_it():
     splats = make_splats([[-0.4, 0, 2], [0.5, 0.1, 3]], 0.4, [0.8, 0.99], [[0.9, 0.5, 0.2], [0.1, 0.4, 0.8]])
     images, gradients = [], []

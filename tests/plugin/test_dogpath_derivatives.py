@@ -79,6 +79,7 @@ def difference(name: str, direction: np.ndarray, surroundings: dict[str, Any]) -
     return float(sides[0] - sides[1]) / (2 * step)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bsdf", [{"type": "conductor"}, {"type": "diffuse"}], ids=["mirror", "shadow"])
 def test_gradients_of_splats_in_mirrors_and_of_their_shadows_equal_differences(bsdf, monkeypatch):
     """All passes share one tree over the primitives."""
@@ -113,6 +114,7 @@ def test_gradients_of_splats_in_mirrors_and_of_their_shadows_equal_differences(b
     assert (change * ADJOINT).sum() == pytest.approx(along, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_materials_and_lights_have_derivatives_though_no_primitive_has():
     scene = scene_with(SPLATS, others({"type": "diffuse"}))
     params: Any = mi.traverse(scene)
@@ -133,6 +135,7 @@ def test_materials_and_lights_have_derivatives_though_no_primitive_has():
         assert gradients[name].sum() == pytest.approx((sides[0] - sides[1]) / (0.04 * at), rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("computed", [False, True], ids=["itself", "from another"])
 @pytest.mark.parametrize("first", ["wall", "floor"])
 @pytest.mark.parametrize("name", ["wall.bsdf.reflectance.value", "floor.bsdf.reflectance.value", "sky.radiance.value",

@@ -101,6 +101,7 @@ def test_a_crop_window_is_cut_out_of_the_image_with_its_border():
         np.testing.assert_allclose(np.array(part), np.array(whole)[5:16, 7:27], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_even_random_numbers_stay_even():
     """A floor in the light of a sky and a sun: with a box or Blender's filter there is nearly no noise left."""
 

@@ -174,6 +174,7 @@ def small_scene() -> tuple[mi.Scene, Any, Any]:
     return scene, scene.integrator(), mi.traverse(scene)
 
 
+@pytest.mark.slow
 def test_backward_mode_at_several_samples_equals_differences(expected, adjoint):
     scene, integrator, params = small_scene()
     for name in RAW_PARAMETERS:

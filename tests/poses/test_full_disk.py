@@ -45,6 +45,7 @@ def never(*_, **__):
     raise AssertionError("COLMAP writes")
 
 
+@pytest.mark.slow
 def test_no_features_are_sought_where_they_would_have_no_room(room, tmp_path, full, monkeypatch):
     monkeypatch.setattr("pycolmap.extract_features", never)
     with pytest.raises(DataError, match=FULL):

@@ -73,6 +73,7 @@ def exact() -> dict[str, Camera]:
 # --- poses ---
 
 
+@pytest.mark.slow
 def test_mixed_sizes_and_orientations_all_get_their_pose(posed):
     out, summary, _ = posed
     cameras = found_cameras(out)
@@ -294,6 +295,7 @@ def test_undistorted_from_the_command_line(room, tmp_path, capsys):
 # --- a video ---
 
 
+@pytest.mark.slow
 def test_a_video_gives_sharp_frames_with_their_poses(room, tmp_path):
     out = tmp_path / "out"
     summary = find_poses(room / "walk.mp4", out, PosesConfig(frames=8))
@@ -349,6 +351,7 @@ def test_train_refuses_a_run_in_place_of_photographs(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_fisheye_is_found_though_the_files_say_nothing_of_its_focal_length(tmp_path):
     """Equidistant: what is seen at an angle from the axis is so many times the focal length from the centre."""
     focal, wide, of_wide = 180.0, 600, 170.0  # pixels; of a pinhole of 121 degrees, from which the pictures are taken

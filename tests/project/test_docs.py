@@ -104,6 +104,8 @@ def shortened(argv: list[str]) -> list[str]:
             argv[at:at] = value.split()
         else:
             argv += [flag, *value.split()]
+    if argv[0] == "render" and argv[1].startswith("scenes/"):
+        argv += ["-D", "resx=80", "-D", "resy=60"]
     if "--target" in argv:
         at = argv.index("--target") + 1
         target = checked_target(argv[at])
@@ -233,6 +235,7 @@ def test_the_programs_of_a_page_run(page, folder):
             continue
         fewer = re.sub(r"spp=\d+", "spp=1", text)  # samples and steps, which make it long
         fewer = re.sub(r"\bsteps=\d+", "steps=8", fewer)
+        fewer = re.sub(r'(load_file\("scenes/\w+\.xml")\)', r"\1, resx=80, resy=60)", fewer)
         fewer = re.sub(r"^(?=\S.*\bexport_model\()", SHORT_EXPORTS, fewer, flags=re.M)
         command = [sys.executable, "-W", "error", "-c", fewer]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)

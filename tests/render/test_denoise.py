@@ -41,6 +41,7 @@ def loaded(path: Path) -> tuple[Any, list[str]]:
     return scene, integrator.aov_names()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("film", ["", '<rfilter type="box"/><string name="pixel_format" value="rgba"/>'])
 def test_noise_goes_and_what_splats_show_stays(room, film):
     scene, names = loaded(room(film))

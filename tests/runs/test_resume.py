@@ -49,6 +49,7 @@ def assert_same_state(folder: Path, expected: Path) -> None:
         np.testing.assert_array_equal(state[name], other[name], err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("ordered")
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_run_stopped_at_several_steps_and_resumed_has_the_bits_of_one_that_was_not(data, whole, tmp_path, preset):

@@ -86,7 +86,7 @@ def assert_whole(folder: Path, steps: int) -> None:
 
 @pytest.mark.slow
 def test_a_run_that_is_killed_again_and_again_at_any_moment_comes_to_its_end(data, tmp_path):
-    steps, out, chance = 4000, tmp_path / "a run", random.Random(0)
+    steps, out, chance = 1000, tmp_path / "a run", random.Random(0)
     reached = [0]
     for least in (None, chance.randint(1, 60), chance.randint(1, 60)):  # the first comes as it may, others in training
         more = ["--resume"] if (out / "config.json").exists() else []

@@ -111,6 +111,7 @@ def test_a_run_tells_when_they_come_and_how_many_are_left(kind, pictures, tmp_pa
     assert np.linalg.norm(kind.values(splats).reshape(kind.n(splats), -1), axis=1).max() > kind.grown
 
 
+@pytest.mark.slow
 def test_they_bring_the_pictures_nearer_to_what_needs_them(kind, pictures, tmp_path):
     """From one state, before they come, of a model that lacks little else."""
     write_ply(tmp_path / "model.ply", kind.without(kind.truth()))
@@ -214,6 +215,7 @@ def test_a_recipe_that_does_not_prune_can_have_slopes_too(data):
     assert records(rows, "slopes_activated")[0]["count"] == trainer.optimizer.n > 20
 
 
+@pytest.mark.slow
 def test_cuts_need_no_slopes_and_those_that_come_while_it_densifies_stay_with_their_primitives(data):
     recipe = replace(RECIPES["3dgs"], cuts=CutRule(start=8000))
     trainer = Trainer(CUT.config(data, preset="3dgs", max_primitives=None), load_dataset(data), recipe)

@@ -145,6 +145,7 @@ def test_the_model_of_a_run_is_that_of_its_file(data, name, tmp_path):
     assert any(event["kind"] == "quantised" for row in rows for event in row.get("events", []))
 
 
+@pytest.mark.slow
 def test_a_run_that_sees_its_file_loses_less_than_one_that_is_rounded_at_the_end(data):
     """The coarser the grids, the plainer: scales in steps of 1, positions in those of two small scales."""
     dataset, steps = load_dataset(data), replace(Steps(), log_scale=16, position=2.0)

@@ -30,12 +30,14 @@ def size(many) -> int:
     return SOG.size(SOG.foreseen(many, 2 * MOST_ENTRIES))
 
 
+@pytest.mark.slow
 def test_a_file_with_room_has_a_larger_palette(many, size):
     distinct = len(np.unique(SOG.foreseen(many, 2 * MOST_ENTRIES).sh_coeffs[:, 1:], axis=0))
     assert MOST_ENTRIES < distinct <= 0.375 * MANY
     assert Room(int(1.01 * size / FILLED), SOG).most_entries(many) == 2 * MOST_ENTRIES
 
 
+@pytest.mark.slow
 def test_one_that_is_nearly_full_has_the_usual_palette(many, size):
     assert SOG.size(SOG.foreseen(many)) < size
     assert Room(int(0.99 * size / FILLED), SOG).most_entries(many) == MOST_ENTRIES

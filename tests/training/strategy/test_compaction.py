@@ -184,6 +184,7 @@ def test_a_file_into_which_nothing_fits_is_refused_before_the_training(data, for
         Trainer(config_of(data, target=target, format=format, preset=preset), load_dataset(data))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["ours", "ours_slopes", "ours_shifts"])
 def test_the_size_that_is_said_to_be_the_least_holds_a_model(data, preset):
     with pytest.raises(DataError) as refused:

@@ -111,6 +111,7 @@ def test_a_recipe_can_take_the_place_of_the_preset(data):
     assert shares[:4] == [round((n - round(0.3 * n)) / 5)] * 4 and trainer.optimizer.n_dog == 0
 
 
+@pytest.mark.slow
 def test_prunes_compile_nothing_once_there_were_two(data):
     trainer = Trainer(config_of(data, preset="paper", steps=180, max_primitives=None), load_dataset(data))
     assert len(counts_without_compiling(trainer, 105, 149)) >= 4
