@@ -20,7 +20,7 @@ in ``max_depth``, and light that BSDF sampling finds behind them has the weight 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import drjit as dr
@@ -74,6 +74,17 @@ class Lanes:
 
     def values(self) -> list:
         return [getattr(self, f.name) for f in fields(self)]
+
+
+@dataclass
+class Bounce:
+    """Where paths go from a surface."""
+
+    sample: Any  # mi.BSDFSample3f
+    weight: Any  # value of the BSDF, and cosine, over pdf
+    active: Any
+    passes: Any  # straight on
+    share: Any  # of light that does, for which it is no vertex
 
 
 class LightPaths:
@@ -138,20 +149,48 @@ class LightPaths:
 
         ``first_maxt``: of the rays of the camera, where its far clip ends them.
         """
-        scene, attached = self.scene, replay is not None
-        β, L = lanes.β, lanes.L
+        attached = replay is not None
         random = Numbers(lanes.sample, segment, self.of_pass)
         # a literal where it is the same for all, so that kernels leave out what it decides; else one kernel for all
         depth = (dr.opaque(mi.UInt32, segment) if self.straight else mi.UInt32(segment)) - lanes.passed
 
-        # --- The segment: splats, up to the next surface ---
+        lanes, si, Ls, Lr_splats = self._to_surface(lanes, segment, attached, first_maxt)
+        Le = self._from_where_it_ends(si, lanes, attached)
+        if self.limits.see_through:
+            dr.scatter_add(self.clear, mean_of(lanes.β), lanes.sample, lanes.straight & ~si.is_valid())
+        if self.guides:
+            self.guides.add_light(Ls + Le, lanes.sample, lanes.sharp)
 
+        bsdf, goes_on = si.bsdf(), depth + 1 < self.limits.max_depth
+        Lr_direct = self._direct(si, bsdf, si.is_valid() & goes_on, lanes.β, random, attached)
+        bounce = self._sampled(si, bsdf, goes_on, random, attached)
+        if self.guides:
+            smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) & ~bounce.passes
+            self.guides.add_surface(si, bsdf, lanes.β, lanes.sample, lanes.sharp & si.is_valid() & smooth)
+            lanes = replace(lanes, sharp=lanes.sharp & ~smooth)
+        if replay is None:
+            dr.scatter_add(found, Ls + Le + Lr_direct, lanes.sample)
+        else:
+            lanes = replace(lanes, L=lanes.L - dr.detach(Le + Lr_direct))
+            with dr.resume_grad():
+                followed = bsdf.eval(mi.BSDFContext(), si, dr.detach(bounce.sample.wo), bounce.active)
+                Lr_scattered = lanes.L * _relative(dr.select(bounce.passes, bounce.share, followed))
+                replay.differentiate(Ls + Lr_splats + Le + Lr_direct + Lr_scattered, lanes.sample, found)
+
+        lanes, active = self._behind(lanes, si, bounce, depth, random)
+        dr.schedule(found, self.clear, self.guides.arrays() if self.guides else [])
+        dr.eval(found, lanes.values(), active)
+        return lanes.select(dr.compress(active))
+
+    def _to_surface(self, lanes: Lanes, segment: int, attached: bool, first_maxt: Any) -> tuple[Lanes, Any, Any, Any]:
+        """(lanes, si, Ls, Lr): paths up to the next surface ``si``, the radiance of the splats before it, and in a
+        replay what comes later as T lets it through."""
         ray = mi.Ray3f(lanes.o, lanes.d)
         if segment == 0:
             ends: Any = dr.gather(mi.Float, first_maxt, lanes.sample)
             ray.maxt = ends
-        meeting = scene.ray_intersect_preliminary(ray, coherent=segment == 0)
-        Ls, Lr_segment = mi.Spectrum(0), mi.Spectrum(0)
+        meeting = self.scene.ray_intersect_preliminary(ray, coherent=segment == 0)
+        β, L, Ls, Lr = lanes.β, lanes.L, mi.Spectrum(0), mi.Spectrum(0)
         if segment:  # in front of the camera they have been splatted
             ray.maxt = dr.select(meeting.is_valid(), meeting.t, dr.largest(mi.Float))
             mis = mi.Float(1)
@@ -163,84 +202,65 @@ class LightPaths:
                 Ls = β * dr.detach(mis) * spectrum_of(emitted(list(colors), T, self.linear))
                 if attached:
                     L = L - dr.detach(Ls)
-                    Lr_segment = L * _relative(T)
+                    Lr = L * _relative(T)
             β = β * dr.detach(T)
             ray.maxt = dr.largest(mi.Float)
+        return replace(lanes, β=β, L=L), meeting.compute_surface_interaction(ray), Ls, Lr
 
-        # --- Emission at its end ---
-
-        si = meeting.compute_surface_interaction(ray)
-        before = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
+    def _from_where_it_ends(self, si: Any, lanes: Lanes, attached: bool) -> Any:
+        """Light of the emitter that a segment ends at, be it the environment."""
+        before = dr.zeros(mi.SurfaceInteraction3f, dr.width(si))
         before.p, before.n = lanes.source, lanes.n
-        ds = mi.DirectionSample3f(scene, si, before)
+        ds = mi.DirectionSample3f(self.scene, si, before)
         seen: Any = si.is_valid() | ~lanes.straight if self.limits.hide_environment else mi.Bool(True)
-        mis = mis_weight(lanes.pdf, scene.pdf_emitter_direction(before, ds, ~lanes.delta))
+        mis = mis_weight(lanes.pdf, self.scene.pdf_emitter_direction(before, ds, ~lanes.delta))
         with dr.resume_grad(when=attached):
-            Le = β * dr.detach(mis) * ds.emitter.eval(si, seen)
+            return lanes.β * dr.detach(mis) * ds.emitter.eval(si, seen)
 
-        if self.limits.see_through:
-            dr.scatter_add(self.clear, mean_of(β), lanes.sample, lanes.straight & ~si.is_valid())
-
-        if self.guides:
-            self.guides.add_light(Ls + Le, lanes.sample, lanes.sharp)
-
-        # --- Sampling of emitters, and of lamps among the splats ---
-
-        context, bsdf = mi.BSDFContext(), si.bsdf()
-        goes_on = depth + 1 < self.limits.max_depth
-        active = si.is_valid() & goes_on
-        Lr_direct = self._from_emitters(si, bsdf, active, β, random, attached)
+    def _direct(self, si: Any, bsdf: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
+        """Light of emitters and of lamps among the splats, by sampling their directions."""
+        Lr = self._from_emitters(si, bsdf, active, β, random, attached)
         if self.lamps:
             smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
             of_lamps = self._from_lamps(si, smooth, β, random, attached)
             with dr.resume_grad(when=attached):
-                Lr_direct = Lr_direct + of_lamps
+                Lr = Lr + of_lamps
+        return Lr
 
-        # --- BSDF sampling ---
-
-        passes, share = mi.Bool(False), mi.Spectrum(1)
+    def _sampled(self, si: Any, bsdf: Any, goes_on: Any, random: Any, attached: bool) -> Bounce:
+        """By BSDF sampling. ``goes_on``: paths that may have another vertex."""
+        active, passes, share = si.is_valid() & goes_on, mi.Bool(False), mi.Spectrum(1)
         if self.straight:
             active = si.is_valid() & (goes_on | mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null))
             with dr.resume_grad(when=attached):
                 share = bsdf.eval_null_transmission(si, active)
-        scattered, weight = bsdf.sample(context, si, random.next_1d(), random.next_2d(), active)
+        sample, weight = bsdf.sample(mi.BSDFContext(), si, random.next_1d(), random.next_2d(), active)
         if self.straight:
-            passes = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Null) & dr.any(dr.detach(share) != 0)
+            passes = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null) & dr.any(dr.detach(share) != 0)
             active &= goes_on | passes
-        sharp = mi.Bool(False)
-        if self.guides:
-            smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) & ~passes
-            self.guides.add_surface(si, bsdf, β, lanes.sample, lanes.sharp & si.is_valid() & smooth)
-            sharp = lanes.sharp & ~smooth
-        away = si.spawn_ray(si.to_world(scattered.wo))
-        if replay is None:
-            dr.scatter_add(found, Ls + Le + Lr_direct, lanes.sample)
-        else:
-            L = L - dr.detach(Le + Lr_direct)
-            with dr.resume_grad():
-                followed = bsdf.eval(context, si, dr.detach(scattered.wo), active)
-                Lr_scattered = L * _relative(dr.select(passes, share, followed))
-                replay.differentiate(Ls + Lr_segment + Le + Lr_direct + Lr_scattered, lanes.sample, found)
+        return Bounce(sample, weight, active, passes, share)
 
-        # --- Which go on ---
-
-        β, η = β * weight, lanes.η * scattered.eta
+    def _behind(self, lanes: Lanes, si: Any, bounce: Bounce, depth: Any, random: Any) -> tuple[Lanes, Any]:
+        """Paths at the beginning of their next segment, and which of them go on."""
+        sampled, passes = bounce.sample, bounce.passes
+        away = si.spawn_ray(si.to_world(sampled.wo))
+        β, η = lanes.β * bounce.weight, lanes.η * sampled.eta
         brightest = dr.max(β)
-        active &= brightest != 0
+        active = bounce.active & (brightest != 0)
         survival = dr.select((depth >= self.limits.rr_depth) & ~passes, dr.minimum(brightest * η * η, RR_MAX), 1)
         active &= random.next_1d() < survival
         β *= dr.rcp(survival)
-        delta = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Delta)
-        straight = lanes.straight & passes if self.limits.see_through else mi.Bool(False)
-        pdf, source, n, passed = scattered.pdf, away.o, si.n, lanes.passed
+        pdf, delta = sampled.pdf, mi.has_flag(sampled.sampled_type, mi.BSDFFlags.Delta)
+        source, n, passed = away.o, si.n, lanes.passed
         if self.straight:
+            pdf = dr.select(passes, lanes.pdf * mean_of(dr.detach(bounce.share)), pdf)
             delta, source, n = dr.select(passes, (lanes.delta, lanes.source, lanes.n), (delta, source, n))
-            pdf = dr.select(passes, lanes.pdf * mean_of(dr.detach(share)), pdf)
             passed = passed + dr.select(passes, mi.UInt32(1), 0)
-        dr.schedule(found, self.clear, self.guides.arrays() if self.guides else [])
-        lanes = Lanes(lanes.sample, away.o, away.d, β, η, L, pdf, delta, source, n, passed, passes, straight, sharp)
-        dr.eval(found, lanes.values(), active)
-        return lanes.select(dr.compress(active))
+        straight = lanes.straight & passes if self.limits.see_through else mi.Bool(False)
+        return replace(
+            lanes, o=away.o, d=away.d, β=β, η=η, pdf=pdf, delta=delta, source=source, n=n, passed=passed,
+            beyond=passes, straight=straight,
+        ), active  # fmt: skip
 
     def _from_emitters(self, si: Any, bsdf: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
         """Light of emitters, as splats let it through, by sampling their directions; none on mirrors."""
