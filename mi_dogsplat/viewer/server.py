@@ -263,12 +263,14 @@ def serve(
 
 def _require_address(host: str, port: int) -> None:
     """Raise ``DataError`` where viser would wait for ever: for an address that is not this machine's, and where it
-    finds no port to listen on."""
+    finds no port to listen on. An empty one would be all addresses."""
+    remedy = "use 127.0.0.1, or 0.0.0.0 for all addresses"
+    if not host:
+        raise DataError("--host", "names no address", remedy)
     try:
         _bind(host, 0)
     except OSError as error:
-        problem = f'cannot listen at "{host}" ({error.strerror or error})'
-        raise DataError("--host", problem, "use 127.0.0.1, or 0.0.0.0 for all addresses") from error
+        raise DataError("--host", f'cannot listen at "{host}" ({error.strerror or error})', remedy) from error
     if not any(_is_free(host, number) for number in range(port, min(port + PORTS, 65536))):
         raise DataError("--port", f"neither {port} nor one after it is free", "use another one")
 

@@ -258,6 +258,7 @@ def test_a_white_that_the_model_does_not_go_by_is_refused_in_one_line(capsys, mo
 def test_an_address_that_is_not_ours_is_refused_in_one_line(capsys, model):
     assert_one_line(run(capsys, "view", model, "--host", "192.0.2.1"), "--host", "127.0.0.1")  # for documentation only
     assert_one_line(run(capsys, "view", model, "--host", "no such host"), "--host")
+    assert_one_line(run(capsys, "view", model, "--host", ""), "--host: names no address", "0.0.0.0")
     assert_one_line(run(capsys, "view", model, "--port", "99999"), "--port")
 
 
