@@ -14,6 +14,7 @@ from .mattes import NOTHING
 
 AREA_LIGHTS = ("area", "directionalarea")  # emitters that are a part of a shape
 OBJECT = "object_"  # begins the id of a shape that is one, and its number follows: object_3, object_3_glass
+LARGEST = 2**24  # number: float32, in which mattes have them, does not tell larger ones apart
 
 
 def object_of_primitive(index: np.ndarray, counts: Sequence[int]) -> np.ndarray:
@@ -29,16 +30,28 @@ def objects_shine(described: dict[str, Any]) -> bool:
     return any(isinstance(part, dict) and part.get("type") in AREA_LIGHTS for part in parts)
 
 
+def number_of_shape(name: str) -> int:
+    """Of the object that a shape with this id is a part of. Raises ``ValueError`` for one that cannot be told."""
+    if not name.startswith(OBJECT):
+        return NOTHING
+    number = name.split("_")[1]
+    if not (number.isdecimal() and len(number) <= len(str(LARGEST)) and int(number) <= LARGEST):
+        raise ValueError(f'the id "{name}" has no number of an object from 0 to {LARGEST}')
+    return int(number)
+
+
 class SurfaceObjects:
-    """The numbers of the shapes of a scene, by their ids. shine: whether one of these emits light."""
+    """The numbers of the shapes of a scene, by their ids. shine: whether one of these emits light.
+
+    Raises ``ValueError`` as ``number_of_shape``.
+    """
 
     def __init__(self, scene: mi.Scene):
         numbers: dict[int, int] = {0: NOTHING}
         for shape in scene.shapes():  # as the registry of Dr.Jit numbers them
             pointer: Any = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
             (slot,) = pointer.numpy().tolist()
-            name = shape.id()
-            numbers[slot] = int(name.split("_")[1]) if name.startswith(OBJECT) else NOTHING
+            numbers[slot] = number_of_shape(shape.id())
         values = np.full(max(numbers) + 1, NOTHING, np.int32)
         values[list(numbers)] = list(numbers.values())
         self._numbers, self.largest = mi.Int32(values), max(int(values.max()), 0)

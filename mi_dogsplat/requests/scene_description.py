@@ -1,7 +1,7 @@
 """A Mitsuba scene as JSON: the dictionary of ``mi.load_dict``, with what JSON has no type for.
 
 A transform is ``{"matrix": rows}``, of four rows (or three, for textures). The values of ``filename`` are relative to
-the file. There is one sensor and no integrator: that, and the splats, are added here.
+the file. There is one sensor, with a film of rgba, and no integrator: that, and the splats, are added here.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..plugin.denoising import AOV
+from ..plugin.film import pixel_format_of
 from ..render.denoise import require_denoiser
 from ..scene.drawing import Drawing, DrawnAs, drawn_as
 from ..scene.splats import DENSE, Splats
@@ -63,6 +64,8 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         raise scene_error(request.scene, error, "Mitsuba cannot load it") from error
     if len(scene.sensors()) != 1:
         raise DataError(request.scene, f"has {len(scene.sensors())} sensors", "give it one")
+    if (found := pixel_format_of(scene.sensors()[0].film())) != "rgba":  # what answers have, colour and alpha
+        raise DataError(request.scene, f"has a film of {found}", 'give it the "pixel_format" rgba')
     integrator: Any = scene.integrator()
     if request.transparent and straight:
         integrator.see_through = True

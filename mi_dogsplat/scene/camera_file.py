@@ -22,6 +22,7 @@ from ..support.json_values import number_in
 from .cameras import Camera, nearest_rigid
 
 MOST_PIXELS = 16_384  # of a side, as of a film
+LARGEST = 1e30  # of positions and lengths: kernels compute in float32
 FORMAT = 'write {"w2c": 4x4 world to camera (OpenCV axes), "fx", "fy", "cx", "cy", "width", "height"}'
 
 
@@ -54,7 +55,10 @@ def camera_from_json(content: Any, mirror: bool = False) -> Camera:
     fx = number_in(content, "fx")
     fy = number_in(content, "fy", fx)
     cx, cy = number_in(content, "cx", width / 2), number_in(content, "cy", height / 2)
-    return Camera(nearest_rigid(content["w2c"], mirror), fx, fy, cx, cy, int(width), int(height))
+    camera = Camera(nearest_rigid(content["w2c"], mirror), fx, fy, cx, cy, int(width), int(height))
+    if (largest := max(map(abs, (*camera.w2c[:3, 3], fx, fy, cx, cy)))) > LARGEST:
+        raise ValueError(f"the pose or a length in pixels has {largest:g}: at most {LARGEST:g} can be drawn")
+    return camera
 
 
 def write_camera(path: str | Path, camera: Camera) -> None:

@@ -107,15 +107,16 @@ class Budget:
         if self.fixed + n * self.each(FIRST_PAIRS) > 0.5 * self.total:
             dr.flush_malloc_cache()
 
-    def require(self, path: str, n: int) -> None:
-        """Raise ``DataError`` unless training can start with ``n`` primitives."""
+    def require(self, path: str, n: int, fewer: str) -> None:
+        """Raise ``DataError`` unless training can start with ``n`` primitives; ``fewer``: how there would be less of
+        them, as a remedy."""
         if self.most_primitives(FIRST_PAIRS) >= n:
             return
         primitives = n * self.each(FIRST_PAIRS)
         total = file_size((self.fixed + primitives) / MARGIN)
         need = f"training from {counted(n, 'primitive')} needs about {total} of memory"
         parts = f"pictures {file_size(self.pictures)}, primitives {file_size(primitives)}"
-        remedy = "use a larger --downscale, fewer --max-primitives, a smaller --sh-degree, or a larger --memory"
+        remedy = f"use a larger --downscale, {fewer}, or a larger --memory"
         raise DataError(path, f"{need} ({parts}), and there are {file_size(self.total)}", remedy)
 
     def bounded(self, cap: int | None, n: int) -> tuple[int | None, MemoryFull | None]:

@@ -53,7 +53,8 @@ def memory_of(config: TrainConfig, dataset: Dataset, recipe: Recipe, splats: Spl
         masked=config.masks is not None, later=_later_rows(config, recipe, held, splats.n_splats),
     )  # fmt: skip
     if memory:
-        memory.require(config.data, splats.n_splats)
+        fewer = "a smaller model" if config.model else "fewer --max-primitives, a smaller --sh-degree"
+        memory.require(config.data, splats.n_splats, fewer)
     return memory
 
 

@@ -337,6 +337,29 @@ def test_a_scene_that_mitsuba_refuses_is_one_line(folder):
     assert "broken.json" in said["error"] and "nonsense" in said["error"]
 
 
+@pytest.mark.parametrize("name", ["object_3000000000", "object_16777217", "object_-1", "object_wall", "object_"])
+def test_an_id_without_a_number_of_an_object_is_named_and_the_next_request_is_answered(folder, name):
+    shapes = json.loads((folder / "scene.json").read_text())
+    (folder / "numbered.json").write_text(json.dumps({**shapes, name: {"type": "sphere"}}))
+    request = {"out": str(folder / "out.npz"), "scene": str(folder / "numbered.json"), "samples": 1}
+    good = {"out": str(folder / "out.npz"), "model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
+    said = told([{**request, "passes": ["object"]}, good])
+    problem = f'cannot be drawn (the id "{name}" has no number of an object from 0 to 16777216)'
+    assert said == [{"error": f"{folder / 'numbered.json'}: {problem}; correct it"}, {"done": good["out"]}]
+
+
+@pytest.mark.parametrize("model", [{"model": "model.ply"}, {}], ids=["with splats", "without"])
+@pytest.mark.parametrize("pixel_format", ["rgb", "luminance_alpha", "xyza"])
+def test_a_film_without_colour_and_alpha_is_one_line(folder, monkeypatch, pixel_format, model):
+    """A sensor which says nothing about it has one of rgb."""
+    monkeypatch.chdir(folder)
+    content = json.loads((folder / "scene.json").read_text())
+    content["sensor"]["film"]["pixel_format"] = pixel_format
+    (folder / "film.json").write_text(json.dumps(content))
+    (said,) = told([{"out": "out.npz", "scene": "film.json", "samples": 1, **model}])
+    assert said["error"] == f'film.json: has a film of {pixel_format}; give it the "pixel_format" rgba'
+
+
 def test_a_process_ends_when_nobody_asks():
     def slow():
         yield "first"

@@ -39,6 +39,8 @@ def test_a_camera_file_may_leave_out_what_follows_from_the_rest(tmp_path):
         ({"height": 200_000}, "too large: at most 16384"),
         ({"height": 0}, "must have a pixel"),
         ({"cx": float("nan")}, "not finite"),
+        ({"w2c": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1e300]]}, r"has 1e\+300: at most 1e\+30"),
+        ({"fx": 1e300}, r"has 1e\+300: at most 1e\+30"),
         ({"fx": None}, '"fx" is null, no number'),
         ({"cy": None}, '"cy" is null, no number'),
         ({"width": [40]}, r'"width" is \[40\], no number'),

@@ -281,6 +281,14 @@ def test_a_training_that_cannot_even_start_is_one_line(capsys, data, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+def test_a_pruning_that_cannot_start_names_no_flags_of_training_alone(capsys, data, tmp_path):
+    write_ply(tmp_path / "model.ply", tiny_data.truth())
+    command = ["prune", str(tmp_path / "model.ply"), str(data), "-o", str(tmp_path / "run"), "--memory", "150M"]
+    assert main([*command, "--variant", "llvm_ad_rgb"]) == 2
+    line = capsys.readouterr().err
+    assert line.endswith("; use a larger --downscale, a smaller model, or a larger --memory\n")
+
+
 def test_primitives_grow_until_the_memory_is_full_and_the_history_says_so(data, tmp_path):
     most = 75
     config = config_of(data, memory=enough_for(most, data))

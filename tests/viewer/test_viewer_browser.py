@@ -1,9 +1,11 @@
 """The viewer in a real browser: the page shows the picture that was rendered for its camera."""
 
 import json
+import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -256,7 +258,16 @@ def test_a_white_that_the_model_does_not_go_by_is_refused_in_one_line(capsys, mo
 def test_an_address_that_is_not_ours_is_refused_in_one_line(capsys, model):
     assert_one_line(run(capsys, "view", model, "--host", "192.0.2.1"), "--host", "127.0.0.1")  # for documentation only
     assert_one_line(run(capsys, "view", model, "--host", "no such host"), "--host")
+    assert_one_line(run(capsys, "view", model, "--host", ""), "--host: names no address", "0.0.0.0")
     assert_one_line(run(capsys, "view", model, "--port", "99999"), "--port")
+
+
+def test_ports_of_which_none_is_free_are_one_line(capsys, model):
+    with socket.socket() as taken:
+        with suppress(OSError):  # somebody else has it
+            taken.bind(("127.0.0.1", 65535))
+            taken.listen()
+        assert_one_line(run(capsys, "view", model, "--port", "65535"), "--port: neither 65535 nor one after it is free")
 
 
 @pytest.mark.parametrize("within_a_render", [False, True])

@@ -76,7 +76,9 @@ class Compaction(Strategy[Compacted]):
         scheduler = PruningScheduler(self.rule, state)
         if size <= self.size and not state.begun:
             state.finished = True
-            more = "it has room for more primitives, where --max-primitives lets the model grow to them"
+            more = "it has room for more primitives"
+            if t.step_count:  # a model that exists is pruned from the first step on, and does not grow
+                more += ", where --max-primitives lets the model grow to them"
             return [NotPruned(f"the file has {size} bytes, the target is {self.size}; {more}")]
         if not state.begun:
             scheduler.begin(size, self.size)

@@ -112,6 +112,14 @@ def test_a_size_that_the_model_does_not_reach_is_an_event_and_it_keeps_all_its_b
     assert trainer.optimizer.to_splats().sh_degree == 2 and not trainer.optimizer.to_splats().mixed_sh
 
 
+def test_a_model_that_reaches_its_size_without_what_is_near_cameras_is_told_of_no_flag_of_train(data, tmp_path):
+    write_ply(tmp_path / "model.ply", tiny_data.truth())
+    pruned = {"model": str(tmp_path / "model.ply"), "max_primitives": None, "near_zone": 2.6}
+    trainer = Trainer(config_of(data, **pruned, target="6000B", steps=1), load_dataset(data))
+    (skipped,) = records(list(run_to_end(trainer)), "not_pruned")
+    assert skipped["reason"].endswith("the target is 6000; it has room for more primitives")
+
+
 @pytest.mark.parametrize("flags", [["--target", "1MB"], ["--target", "1MB", "--format", "spz"]])
 def test_a_model_that_has_the_size_already_is_one_line(data, tmp_path, capsys, flags):
     write_ply(tmp_path / "model.ply", tiny_data.truth())
