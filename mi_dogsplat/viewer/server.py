@@ -9,8 +9,6 @@ from __future__ import annotations
 import io
 import logging
 import math
-import os
-import socket
 import time
 import warnings
 from collections.abc import Callable
@@ -33,11 +31,11 @@ from ..scene.splats import Splats
 from ..support.errors import DataError, interruptible
 from ..support.variants import require_arrays
 from ..support.wording import counted
+from .address import require_address
 from .renderer import Renderer
 from .source import Source
 from .view_state import Pace, Pose, Settings
 
-PORTS = 1000  # that viser tries, one after the other
 POLL_SECONDS = 1.0  # between looks at the file
 IDLE_SECONDS = 0.01  # between looks at the visitors
 BACKGROUNDS = {"black": 0.0, "grey": 0.5, "white": 1.0}
@@ -80,7 +78,7 @@ class Server:
         self.settings = Settings(background=background, sh_degree=splats.sh_degree)
         self.visitors: dict[int, tuple[Any, Pace]] = {}
         self._running, self._polled = True, time.monotonic()
-        _require_address(host, port)
+        require_address(host, port)
         with redirect_stdout(io.StringIO()):  # its banner; ours is a line
             self.viser = viser.ViserServer(host=host, port=port, label="dogsplat", verbose=False)
         self.url = f"http://{self.viser.get_host()}:{self.viser.get_port()}"
@@ -259,36 +257,6 @@ def serve(
         pass
     finally:
         server.stop()
-
-
-def _require_address(host: str, port: int) -> None:
-    """Raise ``DataError`` where viser would wait for ever: for an address that is not this machine's, and where it
-    finds no port to listen on. An empty one would be all addresses."""
-    remedy = "use 127.0.0.1, or 0.0.0.0 for all addresses"
-    if not host:
-        raise DataError("--host", "names no address", remedy)
-    try:
-        _bind(host, 0)
-    except OSError as error:
-        raise DataError("--host", f'cannot listen at "{host}" ({error.strerror or error})', remedy) from error
-    if not any(_is_free(host, number) for number in range(port, min(port + PORTS, 65536))):
-        raise DataError("--port", f"neither {port} nor one after it is free", "use another one")
-
-
-def _bind(host: str, port: int) -> None:
-    """Have a port for a moment. Raises ``OSError`` where that cannot be."""
-    with socket.socket() as probe:
-        if os.name == "posix":  # a port whose connections have just ended is free, as for viser
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        probe.bind((host, port))
-
-
-def _is_free(host: str, port: int) -> bool:
-    try:
-        _bind(host, port)
-    except OSError:
-        return False
-    return True
 
 
 def _dataset(data: str | Path | None, source: Source, options: PictureOptions) -> Dataset | None:
