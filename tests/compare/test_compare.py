@@ -50,6 +50,23 @@ def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(com
     assert all((json.loads(first[name])["step"] >= 30) == METHODS[name].from_the_start for name in NAMES)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"methods": ["magic"]}, '--only: "magic" is unknown; use 3dgs, '),
+        ({"seeds": [0, -1]}, "--seeds: -1 is out of range"),
+        ({"workers": -1}, "--workers: -1 is out of range"),
+        ({"workers": 2, "cluster": "nowhere"}, "--workers: is for runs on this machine"),
+        ({"config": TrainConfig("", target="2MB")}, "--target: 2MB is the size of a file"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_make_no_folder(data, tmp_path, arguments, message):
+    given = {"config": TrainConfig("", **SETTINGS), "data": [str(data)], "out": tmp_path / "out"} | arguments
+    with pytest.raises(DataError, match=message):
+        compare(**given)
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_table_has_what_the_runs_measured(comparison):
     out, table, _ = comparison
     assert json.loads((out / "comparison.json").read_text()) == table == collect_all(out, {})
