@@ -74,8 +74,10 @@ def compare(
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         if not (out / COMPARISON).exists():
             write_json(out / COMPARISON, {})  # by which the folder is known
+        # whole paths: another call, and a worker of a cluster, may have another working folder
+        masks = None if config.masks is None else str(Path(config.masks).resolve())
         for folder, path in zip(folders, data, strict=True):
-            claim(folder, replace(config, data=str(Path(path).resolve())))
+            claim(folder, replace(config, data=str(Path(path).resolve()), masks=masks))
         tasks = [task for task in all_tasks(folders, seeds, methods, targets) if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)

@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -65,6 +66,17 @@ def test_bad_arguments_are_one_line_and_make_no_folder(data, tmp_path, arguments
     with pytest.raises(DataError, match=message):
         compare(**given)
     assert not (tmp_path / "out").exists()
+
+
+def test_data_and_masks_are_the_same_from_another_working_folder(data, tmp_path, monkeypatch):
+    (tmp_path / "masks").mkdir()
+    out, no_seeds = tmp_path / "out", []
+    for above in ("", "../"):
+        monkeypatch.chdir(tmp_path / "masks" if above else tmp_path)
+        config = TrainConfig("", **SETTINGS, masks=f"{above}masks")
+        compare(config, [os.path.relpath(data)], out, no_seeds, ["3dgs"])
+    settings = json.loads((out / "tiny" / "config.json").read_text())
+    assert (settings["data"], settings["masks"]) == (str(data.resolve()), str((tmp_path / "masks").resolve()))
 
 
 def test_the_table_has_what_the_runs_measured(comparison):
