@@ -26,6 +26,7 @@ from ..support.files import is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
 from ..support.wording import counted
 from ..training.config import FREE, TrainConfig
+from ..training.target import COUNTS
 from .cluster import cluster_client, on_cluster
 from .execute import Means, one_after_another
 from .folders import settings_in
@@ -60,8 +61,9 @@ def compare(
         progress: called with a line as a task ends.
 
     A task that fails is a line and a note in the table; the others go on, but for runs whose start has failed. Raises
-    ``DataError`` for bad data, a folder that holds something else, or a cluster that cannot be had.
+    ``DataError`` for bad data or arguments, a folder that holds something else, or a cluster that cannot be had.
     """
+    _check_arguments(config, seeds, methods, cluster, workers)
     out = Path(out)
     folders = [out / name for name in _names(data)]
     _check_folder(out)
@@ -72,8 +74,10 @@ def compare(
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         if not (out / COMPARISON).exists():
             write_json(out / COMPARISON, {})  # by which the folder is known
+        # whole paths: another call, and a worker of a cluster, may have another working folder
+        masks = None if config.masks is None else str(Path(config.masks).resolve())
         for folder, path in zip(folders, data, strict=True):
-            claim(folder, replace(config, data=str(Path(path).resolve())))
+            claim(folder, replace(config, data=str(Path(path).resolve()), masks=masks))
         tasks = [task for task in all_tasks(folders, seeds, methods, targets) if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
@@ -86,6 +90,23 @@ def compare(
             _write(out, failed)
             progress(f"{number}/{len(tasks)} {outcome.task.name}: {_result(outcome.task, outcome.error)}")
     return collect_all(out, failed)
+
+
+def _check_arguments(
+    config: TrainConfig, seeds: Sequence[int], methods: Sequence[str], cluster: str | None, workers: int
+) -> None:
+    """Raises ``DataError``, which names the flag, for what no comparison can be made of."""
+    if unknown := [name for name in methods if name not in METHODS]:
+        raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(METHODS)}")
+    if min(seeds, default=0) < 0:
+        raise DataError("--seeds", f"{min(seeds)} is out of range", "use at least 0")
+    if workers < 0:
+        raise DataError("--workers", f"{workers} is out of range", "use at least 0")
+    if workers and cluster is not None:
+        problem = "is for runs on this machine, and --cluster has workers of its own"
+        raise DataError("--workers", problem, "leave one of them out")
+    if config.target_bytes is not None:  # methods are compared at equal counts
+        raise DataError("--target", f"{config.target} is the size of a file", f"use {COUNTS}")
 
 
 def _names(data: Sequence[str]) -> list[str]:

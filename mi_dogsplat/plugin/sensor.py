@@ -114,11 +114,12 @@ class SensorReader:
         if slot not in self._parameters or self._parameters[slot].sensor is not sensor:
             self._parameters[slot] = _Parameters(sensor)
         values, film = self._parameters[slot].values(), sensor.film()
+        lens = (values["aperture_radius"], values["focus_distance"]) if kind == "ThinLensCamera" else None
+        dr.make_opaque(lens)  # in the sensor, too: its rays, and all that follows, would be compiled for each focus
         size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
         indices = variable_indices(list(values.values()))
         key = (*indices, *size, *crop, *offset, near_clip, sensor.near_clip(), sensor.far_clip(), kind)
         known, _, camera = self._known.get(slot, (None, None, None))
-        lens = (values["aperture_radius"], values["focus_distance"]) if kind == "ThinLensCamera" else None
         if camera is None or key != known:
             camera = _read(sensor, near_clip)
             if lens:  # another lens is another picture, though its pinhole is the same

@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -48,6 +49,34 @@ def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(com
     assert counts == {"3dgs": n} | {name: round(0.25 * n) for name in NAMES[1:]} and not table["failed"]
     first = {name: (out / "tiny/seed_0" / name / "history.jsonl").read_text().splitlines()[0] for name in NAMES}
     assert all((json.loads(first[name])["step"] >= 30) == METHODS[name].from_the_start for name in NAMES)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"methods": ["magic"]}, '--only: "magic" is unknown; use 3dgs, '),
+        ({"seeds": [0, -1]}, "--seeds: -1 is out of range"),
+        ({"workers": -1}, "--workers: -1 is out of range"),
+        ({"workers": 2, "cluster": "nowhere"}, "--workers: is for runs on this machine"),
+        ({"config": TrainConfig("", target="2MB")}, "--target: 2MB is the size of a file"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_make_no_folder(data, tmp_path, arguments, message):
+    given = {"config": TrainConfig("", **SETTINGS), "data": [str(data)], "out": tmp_path / "out"} | arguments
+    with pytest.raises(DataError, match=message):
+        compare(**given)
+    assert not (tmp_path / "out").exists()
+
+
+def test_data_and_masks_are_the_same_from_another_working_folder(data, tmp_path, monkeypatch):
+    (tmp_path / "masks").mkdir()
+    out, no_seeds = tmp_path / "out", []
+    for above in ("", "../"):
+        monkeypatch.chdir(tmp_path / "masks" if above else tmp_path)
+        config = TrainConfig("", **SETTINGS, masks=f"{above}masks")
+        compare(config, [os.path.relpath(data)], out, no_seeds, ["3dgs"])
+    settings = json.loads((out / "tiny" / "config.json").read_text())
+    assert (settings["data"], settings["masks"]) == (str(data.resolve()), str((tmp_path / "masks").resolve()))
 
 
 def test_the_table_has_what_the_runs_measured(comparison):

@@ -11,6 +11,7 @@ from mi_dogsplat.plugin.sensor import SensorReader
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from same_numbers import assert_same_numbers
 from splat_scenes import (
+    kernels,
     random_splats,
     rounded,
     scalar_transform,
@@ -92,6 +93,23 @@ def test_stages_of_a_frame_are_not_recalled_for_a_new_variable_in_the_place_of_o
     alone, after_a_render = gradient(rendered=False), gradient(rendered=True)
     np.testing.assert_allclose(alone, after_a_render, rtol=1e-4, atol=1e-6)
     assert np.abs(alone - opaque).max() > 0.1 * np.abs(alone).max()
+
+
+@pytest.mark.parametrize("integrator", ["dogsplat", "dogpath"])
+def test_nothing_is_compiled_for_another_aperture_or_focus(integrator):
+    extra: dict = {"floor": {"type": "rectangle"}} if integrator == "dogpath" else {}
+    scene = scene_of(MODEL, CAMERA, type=integrator, extra=extra)
+    film = {"type": "hdrfilm", "width": 40, "height": 30}
+    sensor: Any = mi.load_dict({"type": "thinlens", "aperture_radius": 0.1, "focus_distance": 2.0, "film": film})
+    params: Any = mi.traverse(sensor)
+
+    def render(radius, focus):
+        params["aperture_radius"], params["focus_distance"] = mi.Float(radius), mi.Float(focus)
+        params.update()
+        return kernels(lambda: mi.render(scene, sensor=sensor, spp=2))
+
+    known = render(0.1, 2) | render(0.2, 3)
+    assert render(0.3, 3) | render(0.3, 4) <= known
 
 
 @pytest.mark.parametrize("pixel_format", ["rgb", "rgba", "luminance", "luminance_alpha", "xyz", "xyza"])

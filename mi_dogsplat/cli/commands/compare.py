@@ -11,7 +11,7 @@ from ...compare.names import ALL, PUBLISHED, SETS, chosen
 from ...support.errors import DataError
 from ...support.variants import set_variant
 from ...training.config import TrainConfig
-from ...training.target import checked_target, require_below_cap
+from ...training.target import COUNTS, checked_target, require_below_cap
 from ..errors import resumable
 from ..flags import DATA_HELP, add_settings, training_config
 from ..printing import say
@@ -42,8 +42,6 @@ TRAINING_FLAGS = [
     *("background", "antialiased", "near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory"),
     *("preconditioned", "checkpoint_seconds"),
 ]
-
-COUNTS = "a ratio (0.1, 10%) or a count of primitives (20000)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,13 +76,6 @@ def run(args: argparse.Namespace) -> int:
         methods = chosen(args.only)
     except ValueError as error:
         raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
-    if min(args.seeds) < 0:
-        raise DataError("--seeds", f"{min(args.seeds)} is out of range", "use at least 0")
-    if args.workers < 0:
-        raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
-    if args.workers and args.cluster is not None:
-        problem = "is for runs on this machine, and --cluster has workers of its own"
-        raise DataError("--workers", problem, "leave one of them out")
     _counted("--target", args.target)
     config = training_config(args, preset="3dgs", data="")
     more_targets = _more_targets(args.more_targets, config)
