@@ -66,7 +66,7 @@ class SplatsAlone:
         found = {"color": color, "alpha": alpha, **_planes(picture, alpha, request)}
         if picture.depth is not None:
             found["depth"] = np.where(picture.alpha > 0, picture.depth, np.inf)
-        if self.masks and self.masks.holds:
+        if request.holdout:  # be it of objects that have no primitives
             found = emptied(found, hole) | {"hole": hole}
         return found
 

@@ -111,6 +111,14 @@ def test_splats_alone_along_parallel_rays_have_a_hole_where_a_holdout_is(folder,
         np.testing.assert_allclose(plane, held[name], atol=1e-5)
 
 
+def test_a_holdout_without_primitives_has_a_hole_of_nothing(folder):
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(CAMERA), "counts": [40, 0]}
+    held, alone = answered({**request, "holdout": [1]}), answered(request)
+    assert not held.pop("hole").any() and held.keys() == alone.keys()
+    for name, plane in held.items():
+        np.testing.assert_array_equal(plane, alone[name])
+
+
 def test_a_linear_model_is_radiance_alone_and_in_a_scene(folder):
     write_model(folder / "linear.ply", Model(brightened(SPLATS, 4.0), Drawing(linear=True, white=2.0)))
     found = answered({"model": str(folder / "linear.ply"), "camera": camera_json(CAMERA)})["color"]
