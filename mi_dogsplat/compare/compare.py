@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets import load_dataset
+from ..datasets.masks import Masks
 from ..report.run_folder import CONFIG
 from ..support.cores import usable_cores
 from ..support.errors import DataError
@@ -68,8 +69,11 @@ def compare(
     folders = [out / name for name in _names(data)]
     _check_folder(out)
     for path in data:
-        if not load_dataset(path, config.downscale, split=config.split).test:
+        dataset = load_dataset(path, config.downscale, split=config.split)
+        if not dataset.test:
             raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
+        if config.masks:
+            Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         if not (out / COMPARISON).exists():

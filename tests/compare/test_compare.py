@@ -62,6 +62,8 @@ def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(com
         ({"workers": -1}, "--workers: -1 is out of range"),
         ({"workers": 2, "cluster": "nowhere"}, "--workers: is for runs on this machine"),
         ({"config": TrainConfig("", target="2MB")}, "--target: 2MB is the size of a file"),
+        ({"config": TrainConfig("", **SETTINGS, masks="nowhere")}, "nowhere: no such folder"),
+        ({"config": TrainConfig("", **SETTINGS, masks=str(Path(__file__).parent))}, "has no mask for any"),
     ],
 )
 def test_bad_arguments_are_one_line_and_make_no_folder(data, tmp_path, arguments, message):
@@ -72,7 +74,7 @@ def test_bad_arguments_are_one_line_and_make_no_folder(data, tmp_path, arguments
 
 
 def test_data_and_masks_are_the_same_from_another_working_folder(data, tmp_path, monkeypatch):
-    (tmp_path / "masks").mkdir()
+    shutil.copytree(data / "images", tmp_path / "masks")
     out = tmp_path / "out"
     monkeypatch.setattr("mi_dogsplat.compare.compare.all_tasks", lambda *_: [])
     for above in ("", "../"):
