@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets import load_dataset
+from ..datasets.masks import Masks
 from ..report.run_folder import CONFIG
 from ..support.cores import usable_cores
 from ..support.errors import DataError
@@ -63,13 +64,16 @@ def compare(
     A task that fails is a line and a note in the table; the others go on, but for runs whose start has failed. Raises
     ``DataError`` for bad data or arguments, a folder that holds something else, or a cluster that cannot be had.
     """
-    _check_arguments(config, seeds, methods, cluster, workers)
+    _check_arguments(config, data, seeds, methods, cluster, workers)
     out = Path(out)
     folders = [out / name for name in _names(data)]
     _check_folder(out)
     for path in data:
-        if not load_dataset(path, config.downscale, split=config.split).test:
+        dataset = load_dataset(path, config.downscale, split=config.split)
+        if not dataset.test:
             raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
+        if config.masks:
+            Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         if not (out / COMPARISON).exists():
@@ -93,9 +97,13 @@ def compare(
 
 
 def _check_arguments(
-    config: TrainConfig, seeds: Sequence[int], methods: Sequence[str], cluster: str | None, workers: int
-) -> None:
+    config: TrainConfig, data: Sequence[str], seeds: Sequence[int], methods: Sequence[str], cluster: str | None,
+    workers: int,
+) -> None:  # fmt: skip
     """Raises ``DataError``, which names the flag, for what no comparison can be made of."""
+    for flag, given in (("DATA", data), ("--seeds", seeds), ("--only", methods)):
+        if not len(given):
+            raise DataError(flag, "is empty", "give at least one")
     if unknown := [name for name in methods if name not in METHODS]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(METHODS)}")
     if min(seeds, default=0) < 0:

@@ -54,11 +54,16 @@ def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(com
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ({"data": []}, "DATA: is empty; give at least one"),
+        ({"seeds": []}, "--seeds: is empty; give at least one"),
+        ({"methods": []}, "--only: is empty; give at least one"),
         ({"methods": ["magic"]}, '--only: "magic" is unknown; use 3dgs, '),
         ({"seeds": [0, -1]}, "--seeds: -1 is out of range"),
         ({"workers": -1}, "--workers: -1 is out of range"),
         ({"workers": 2, "cluster": "nowhere"}, "--workers: is for runs on this machine"),
         ({"config": TrainConfig("", target="2MB")}, "--target: 2MB is the size of a file"),
+        ({"config": TrainConfig("", **SETTINGS, masks="nowhere")}, "nowhere: no such folder"),
+        ({"config": TrainConfig("", **SETTINGS, masks=str(Path(__file__).parent))}, "has no mask for any"),
     ],
 )
 def test_bad_arguments_are_one_line_and_make_no_folder(data, tmp_path, arguments, message):
@@ -69,12 +74,13 @@ def test_bad_arguments_are_one_line_and_make_no_folder(data, tmp_path, arguments
 
 
 def test_data_and_masks_are_the_same_from_another_working_folder(data, tmp_path, monkeypatch):
-    (tmp_path / "masks").mkdir()
-    out, no_seeds = tmp_path / "out", []
+    shutil.copytree(data / "images", tmp_path / "masks")
+    out = tmp_path / "out"
+    monkeypatch.setattr("mi_dogsplat.compare.compare.all_tasks", lambda *_: [])
     for above in ("", "../"):
         monkeypatch.chdir(tmp_path / "masks" if above else tmp_path)
         config = TrainConfig("", **SETTINGS, masks=f"{above}masks")
-        compare(config, [os.path.relpath(data)], out, no_seeds, ["3dgs"])
+        compare(config, [os.path.relpath(data)], out, [0], ["3dgs"])
     settings = json.loads((out / "tiny" / "config.json").read_text())
     assert (settings["data"], settings["masks"]) == (str(data.resolve()), str((tmp_path / "masks").resolve()))
 

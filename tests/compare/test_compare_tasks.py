@@ -122,13 +122,13 @@ def test_a_comparison_removes_what_a_kill_left_in_its_folder_but_nothing_of_a_ru
         part.write_text("half a page")
     (tmp_path / "out" / "comparison.json").write_text("{}")
     with pytest.raises(DataError, match="other contents"):  # the data set of that run is not this one
-        compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ())
+        compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ("3dgs",))
     assert [part.exists() for part in parts] == [False, True]
 
 
 def test_the_memory_that_is_given_holds_for_every_task(data, tmp_path):
     config = replace(TrainConfig("", **SETTINGS), memory="1M")
-    table = compare(config, [str(data)], tmp_path / "out", [0], ())
+    table = compare(config, [str(data)], tmp_path / "out", [0], ("3dgs",))
     assert "needs about" in table["failed"]["tiny, seed 0: densified start"]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mi_dogsplat.plugin import light_paths
 from mi_dogsplat.plugin.dogpath import LatestTracer
+from mi_dogsplat.reference import rays as twin
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
@@ -101,6 +102,31 @@ def test_a_splat_casts_the_shadow_of_a_point_light(dog):
     assert T[:, :9].min() < 0.8
     clear = slice(0, 9)  # the camera sees nothing of the splat in these columns
     np.testing.assert_allclose(image[:, clear], np.repeat(expected[:, clear, None], 3, -1), rtol=2e-3)
+
+
+@pytest.mark.parametrize("dog_share", [0, 1], ids=["gaussians", "dogs"])
+def test_a_point_light_in_a_cloud_is_hidden_by_splats_whose_place_is_before_it(dog_share):
+    """Behind the camera, which sees the wall alone. Mitsuba ends shadow rays a little before the light."""
+    light, wall_z, intensity, albedo = np.array([0.1, 0.0, -1.5]), 4.0, 9.0, 0.5
+    rng = np.random.default_rng(1)
+    splats = random_splats(9, seed=1, dog_share=dog_share)
+    splats.means, splats.log_scales = light + rng.normal(0, 0.35, (9, 3)), np.log(rng.uniform(0.15, 0.6, (9, 3)))
+    splats.sh_coeffs = make_splats(splats.means, colors=0.0).sh_coeffs  # they send no light
+    splats = rounded(splats)
+    image = render(splats, {
+        "wall": facing_camera(wall_z, bsdf={"type": "diffuse", "reflectance": rgb(albedo, albedo, albedo)}),
+        "light": {"type": "point", "position": list(light), "intensity": rgb(intensity, intensity, intensity)},
+    }, srgb_primitives=False, max_depth=2)
+    d = camera_rays().reshape(-1, 3)
+    hit = d * (wall_z / d[:, 2:])
+    r = np.linalg.norm(light - hit, axis=-1)
+    w = (light - hit) / r[:, None]
+    ends = r * (1 - mi.math.ShadowEpsilon)
+    before, to_light, beyond = (twin.meet(splats, hit, w, maxt) for maxt in (ends, r, np.inf))
+    sure = np.all((abs(beyond.places - ends[:, None]) > 1e-4) | (beyond.alphas == 0), axis=1)
+    assert sure.mean() > 0.9 and (to_light.alphas != before.alphas)[sure].any()
+    T = image[..., 0].ravel() / (albedo / np.pi * intensity / r**2 * -w[:, 2])
+    np.testing.assert_allclose(T[sure], twin.transmittance(before)[sure], atol=2e-4)
 
 
 def test_a_shadow_ray_ends_at_the_light_and_a_wall_hides_splats_behind_it():
