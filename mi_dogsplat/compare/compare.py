@@ -106,7 +106,7 @@ def _check_arguments(
             raise DataError(flag, "is empty", "give at least one")
     if unknown := [name for name in methods if name not in METHODS]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(METHODS)}")
-    if min(seeds, default=0) < 0:
+    if min(seeds) < 0:
         raise DataError("--seeds", f"{min(seeds)} is out of range", "use at least 0")
     if workers < 0:
         raise DataError("--workers", f"{workers} is out of range", "use at least 0")

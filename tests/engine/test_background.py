@@ -27,8 +27,8 @@ def to_srgb(v):
     return np.where(v <= 0.0031308, v * 12.92, 1.055 * np.maximum(v, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
-def envmap(axis=(1, 2, 0.5), angle=40.0) -> dict[str, Any]:
-    """Without symmetry, each channel its own, and with a sun."""
+def envmap(axis=(2 / 3, 1 / 3, 2 / 3), angle=60.0) -> dict[str, Any]:
+    """Without symmetry, each channel its own, and with a sun, which wide sensors see."""
     y, x = np.mgrid[0:32, 0:64]
     image = np.stack([1 + np.sin(x / 10), 1 + np.cos(y / 8), x / 64 + y / 32], -1).astype(np.float32)
     image[3:5, 20:22] = SUN

@@ -202,7 +202,8 @@ def envmap() -> dict[str, Any]:
     """A smooth environment without symmetry, turned; the twin of the background is what ``path`` sees of it."""
     y, x = np.mgrid[0:32, 0:64]
     image = np.stack([1 + np.sin(x / 10), 1 + np.cos(y / 8), x / 64 + y / 32], -1).astype(np.float32)
-    return {"type": "envmap", "bitmap": mi.Bitmap(image), "to_world": mi.ScalarTransform4f().rotate([1, 2, 0.5], 40)}
+    turned = mi.ScalarTransform4f().rotate([2 / 3, 1 / 3, 2 / 3], 40)  # an axis that is no unit vector would shear
+    return {"type": "envmap", "bitmap": mi.Bitmap(image), "to_world": turned}
 
 
 @pytest.mark.parametrize("camera", [CAMERA, square_camera(cx=10, cy=22)], ids=["centred", "off-centre"])
