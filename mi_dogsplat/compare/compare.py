@@ -27,7 +27,6 @@ from ..support.files import is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
 from ..support.wording import counted
 from ..training.config import FREE, TrainConfig
-from ..training.target import COUNTS
 from .cluster import cluster_client, on_cluster
 from .execute import Means, one_after_another
 from .folders import settings_in
@@ -35,6 +34,7 @@ from .methods import METHODS
 from .numbers import numbers
 from .page import comparison_page
 from .table import COMPARISON, collect_all, write_tables
+from .targets import counted_target
 from .tasks import Task, all_tasks
 
 
@@ -65,6 +65,7 @@ def compare(
     ``DataError`` for bad data or arguments, a folder that holds something else, or a cluster that cannot be had.
     """
     _check_arguments(config, data, seeds, methods, cluster, workers)
+    targets = [counted_target("--more-targets", target) for target in targets]
     out = Path(out)
     folders = [out / name for name in _names(data)]
     _check_folder(out)
@@ -113,8 +114,7 @@ def _check_arguments(
     if workers and cluster is not None:
         problem = "is for runs on this machine, and --cluster has workers of its own"
         raise DataError("--workers", problem, "leave one of them out")
-    if config.target_bytes is not None:  # methods are compared at equal counts
-        raise DataError("--target", f"{config.target} is the size of a file", f"use {COUNTS}")
+    counted_target("--target", config.target)
 
 
 def _names(data: Sequence[str]) -> list[str]:

@@ -23,6 +23,7 @@ from .picture_memory import require_memory
 TAKEN = ("path", "parallel", "optimize")  # arguments of ``mi.load_file``
 _UNUSED = re.compile(r"unused parameters:\s+- \$(?P<name>.+)=")
 
+
 def picture_of_scene(
     path: Path,
     spp: int,
@@ -54,25 +55,24 @@ def picture_of_scene(
     file = as_mitsuba_reads(path)
     with undisguised(on_pass) as told:
         try:
-            return _drawn(file, spp, told, denoise, sensor, defined, suffix)
+            scene = _loaded(file, defined or {})
+            film = _film(scene, file, sensor)
+            integrator = _integrator(scene, file, told, defined)
+            width, height = map(int, film.crop_size())
+            require_memory(file, width, height, suffix, "make its film smaller")
+            if denoise:
+                _ask_for_guides(integrator, film)
+            with interruptible():
+                image = mi.render(scene, sensor=sensor, spp=spp)
+            return _smoothed(image, integrator) if denoise else film.bitmap()
         except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
             if isinstance(error, DataError):
                 raise
             raise scene_error(path, error, "Mitsuba cannot render it") from error
 
 
-def _drawn(
-    file: str,
-    spp: int,
-    on_pass: Callable[[int, int], None] | None,
-    denoise: bool,
-    sensor: int,
-    defined: Mapping[str, str] | None,
-    suffix: str,
-) -> Any:
-    from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
-
-    scene = _loaded(file, defined or {})
+def _film(scene: Any, file: str, sensor: int) -> Any:
+    """Of the sensor with this number."""
     if not isinstance(scene, mi.Scene):
         raise RuntimeError("its root is no scene")
     n_sensors = len(scene.sensors())
@@ -80,6 +80,13 @@ def _drawn(
         raise RuntimeError("it has no sensor")
     if not 0 <= sensor < n_sensors:
         raise DataError("--sensor", f"{file} has {counted(n_sensors, 'sensor')}", f"give 0 to {n_sensors - 1}")
+    return scene.sensors()[sensor].film()
+
+
+def _integrator(scene: Any, file: str, on_pass: Any, defined: Mapping[str, str] | None) -> Any:
+    """That of the scene, which tells of its samples where it splats."""
+    from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
+
     integrator = scene.integrator()
     if integrator is None:
         raise RuntimeError("it has no integrator")
@@ -87,15 +94,11 @@ def _drawn(
         integrator.on_pass = on_pass
     else:
         warn_of_unseen_splats(Path(file), defined)
-    film = scene.sensors()[sensor].film()
-    width, height = map(int, film.crop_size())
-    require_memory(file, width, height, suffix, "make its film smaller")
-    if denoise:
-        _ask_for_guides(integrator, film)
-    with interruptible():
-        image = mi.render(scene, sensor=sensor, spp=spp)
-    if not denoise:
-        return film.bitmap()
+    return integrator
+
+
+def _smoothed(image: Any, integrator: Any) -> Any:
+    """The ``mi.Bitmap`` of a render without its noise and the channels that tell of it."""
     names = integrator.aov_names()
     kept = [*"RGBA"[: image.shape[-1] - len(names)], *(name for name in names if name not in CHANNELS)]
     return mi.Bitmap(denoised(np.array(image), names), mi.Bitmap.PixelFormat.MultiChannel, kept)

@@ -8,7 +8,6 @@ from ..support.memory import bytes_of
 from ..support.settings import refuse
 from ..support.wording import count
 
-COUNTS = "a ratio (0.1, 10%) or a count of primitives (20000)"  # the targets at which methods are compared
 REMEDY = "use a ratio below 1 (0.1, 10%), a whole number of primitives (20000), or the size of the file (2MB)"
 
 

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...compare.names import ALL, PUBLISHED, SETS, chosen
+from ...compare.targets import COUNTS, counted_target
 from ...support.errors import DataError
 from ...support.variants import set_variant
 from ...training.config import TrainConfig
-from ...training.target import COUNTS, checked_target, require_below_cap
+from ...training.target import require_below_cap
 from ..errors import resumable
 from ..flags import DATA_HELP, add_settings, training_config
 from ..printing import say
@@ -76,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         methods = chosen(args.only)
     except ValueError as error:
         raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
-    _counted("--target", args.target)
+    counted_target("--target", args.target)
     config = training_config(args, preset="3dgs", data="")
     more_targets = _more_targets(args.more_targets, config)
     set_variant(config.variant)
@@ -95,18 +96,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _more_targets(given: Sequence[str], config: TrainConfig) -> list[float]:
     """Targets beside that of ``config``, in their order. Raises ``DataError`` for those above its cap."""
-    targets = [_counted("--more-targets", target) for target in given]
+    targets = [counted_target("--more-targets", target) for target in given]
     for target in targets:
         require_below_cap("more_targets", target, config.max_primitives)
     return [target for target in targets if target != config.target]
-
-
-def _counted(flag: str, target: str) -> float:
-    """A target of primitives, as a ratio or a number; methods are compared at equal counts, so no size of a file."""
-    try:
-        counted = checked_target(target)
-    except ValueError as error:
-        raise DataError(flag, str(error), f"use {COUNTS}") from None
-    if isinstance(counted, str):
-        raise DataError(flag, f"{target} is the size of a file", f"use {COUNTS}")
-    return counted
