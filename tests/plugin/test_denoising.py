@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from dogpath_scenes import rgb
 from mi_dogsplat.plugin.denoising import CHANNELS
 from mi_dogsplat.scene.cameras import Camera
 from splat_scenes import dog_dict, make_splats, rounded, sensor_dict
@@ -34,10 +35,6 @@ def planes(scene: mi.Scene, spp=1, seed=0) -> dict[str, np.ndarray]:
     assert tuple(names) == CHANNELS
     colors, *rest = np.split(image, [3, 6, 9], -1)
     return {"colors": colors} | dict(zip(("paths", "albedo", "normal"), rest, strict=True))
-
-
-def rgb(*values: float) -> dict[str, Any]:
-    return {"type": "rgb", "value": list(values)}
 
 
 def wall(z: float, bsdf: dict[str, Any]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from dogpath_scenes import rgb
 from launches import KernelWatch
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.plugin import light_paths
@@ -21,10 +22,6 @@ SEED: Any = 1
 NOTHING = rounded(Splats.empty(1))
 TINT = [0.9, 0.3, 0.6]
 ALBEDO, INTENSITY, LIGHT, WALL = 0.5, 9.0, np.array([0.0, 0.0, -1.0]), 4.0
-
-
-def rgb(*values: float) -> dict[str, Any]:
-    return {"type": "rgb", "value": list(values)}
 
 
 def diffuse(*reflectance: float) -> dict[str, Any]:
