@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 from mitsuba.python.ad.integrators.common import ADIntegrator
 
-from .engine.rasterize import Frame
 from .plugin import surfaces
-from .plugin.drawn import Drawn
+from .plugin.drawn import Splatted
 from .plugin.splat_integrator import SplatIntegrator, dog_shapes
-from .plugin.surfaces import Surfaces
 from .support.wording import counted
 
 
@@ -125,7 +124,11 @@ class DogSplatIntegrator(SplatIntegrator):
             self._warned = True
         return self.nested is not None and others > 0
 
-    def over_surfaces(self, frame: Frame, seen: Surfaces, drawn: Drawn) -> list:
+    def over_surfaces(self, views: Sequence[Splatted]) -> list[list]:
+        return [self._over_surfaces(view) for view in views]
+
+    def _over_surfaces(self, view: Splatted) -> list:
+        drawn, frame, seen = view.drawn, view.frame, view.surfaces
         lit = drawn.encoded(surfaces.radiance(self.nested, drawn.scene, seen, self._by_modes))
         T, rest = dr.select(seen.hit, frame.T, 0), dr.select(seen.hit, 0, frame.T)
         colors = [dr.fma(T, behind, c) for c, behind in zip(frame.colors, lit, strict=True)]

@@ -2,8 +2,9 @@
 
 Traced anew in each pass, it takes the host longer than a GPU takes for the kernels of a small model, or of one with
 much besides plain Gaussians. On the CPU kernels are longer, and the gradients, which would go through memory, stay in
-the kernel of the optimizer's step: there it is ``project`` itself, as it is where numbers of the camera have
-derivatives, such as those of a sensor.
+the kernel of the optimizer's step: there it is ``project`` itself, unless many passes are derived before that step,
+whose projections would all stay in its kernel. It is where numbers of the camera have derivatives, too, such as those
+of a sensor.
 """
 
 from __future__ import annotations
@@ -22,9 +23,14 @@ from .project import Kernels, Projection, project
 NUDGE = "nudge "  # and a number: name of an array of the camera's nudge
 
 
-def projected(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
-    """What ``project`` returns for the same arguments; differentiable likewise."""
-    traced = array_types().is_llvm or dr.grad_enabled(camera.anonymous())
+def projected(
+    params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False, one_of_many: bool = False
+) -> Projection:
+    """What ``project`` returns for the same arguments; differentiable likewise.
+
+    one_of_many: passes that are derived before anything is done with the gradients.
+    """
+    traced = (array_types().is_llvm and not one_of_many) or dr.grad_enabled(camera.anonymous())
     return (project if traced else replayed)(params, camera, sh_degree=sh_degree, antialiased=antialiased)
 
 

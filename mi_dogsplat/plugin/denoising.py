@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .transfer import mean_of, three_channels
+from .wavefront import add_to
 
 AOV = "denoising"  # that asks for the channels
 CHANNELS = tuple(
@@ -23,7 +24,7 @@ CHANNELS = tuple(
 
 
 class Guides:
-    """Albedo and normal along the paths of a pass, of mi.Color3f and mi.Vector3f, one for each ray of the camera."""
+    """Albedo and normal along light paths, of mi.Color3f and mi.Vector3f, one for each ray of the camera."""
 
     def __init__(self, width: int):
         self.albedo: Any = dr.zeros(mi.Color3f, width)
@@ -31,25 +32,26 @@ class Guides:
 
     def add_light(self, light: Any, sample: Any, active: Any) -> None:
         """Of splats and emitters, mi.Spectrum."""
-        dr.scatter_add(self.albedo, _bounded(light), sample, active)
+        add_to(self.albedo, _bounded(light), sample, active)
 
     def add_surface(self, si: Any, bsdf: Any, β: Any, sample: Any, active: Any) -> None:
         """Of surfaces, seen with the weight β."""
         albedo = β * dr.clip(bsdf.eval_diffuse_reflectance(si, active), 0, 1)
-        dr.scatter_add(self.albedo, _bounded(albedo), sample, active)
+        add_to(self.albedo, _bounded(albedo), sample, active)
         n = si.sh_frame.n
         facing: Any = mi.Vector3f(dr.select(dr.dot(n, si.to_world(si.wi)) < 0, -n, n))
-        dr.scatter_add(self.normal, facing * mean_of(β), sample, active)
+        add_to(self.normal, facing * mean_of(β), sample, active)
 
-    def arrays(self) -> list:
-        return [self.albedo, self.normal]
+    def planes(self) -> list[mi.Float]:
+        """Channels of albedo, then of normal."""
+        return [*self.albedo, *self.normal]
 
 
-def planes(T: Any, behind: list, guides: Guides) -> list[mi.Float]:
+def planes(T: Any, behind: list, guides: list) -> list[mi.Float]:
     """Constants, as ``CHANNELS`` has them: ``behind`` is what paths bring, seen through the transmittance T."""
     T = dr.detach(T)
     seen = dr.clip(T, 0, 1)
-    return [T * light for light in behind] + [seen * guide for guide in (*guides.albedo, *guides.normal)]
+    return [T * dr.detach(light) for light in behind] + [seen * guide for guide in guides]
 
 
 def nothing(width: int) -> list[mi.Float]:

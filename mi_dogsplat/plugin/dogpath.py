@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from ..engine.device_camera import DeviceCamera
 from ..engine.dimmed import dimmed
 from ..engine.drjit_internals import held
-from ..engine.rasterize import Frame
 from ..tracing.options import TraceOptions
 from ..tracing.tracer import SplatTracer
 from . import denoising
-from .drawn import Drawn, SplattedModel
+from .drawn import Splatted, SplattedModel
 from .light_paths import LightPaths, Limits
 from .media import warn_of_media
+from .numbers import Streams
 from .properties import given
 from .replayed import Replay, radiance
-from .sensor import ViewPass
 from .shadow_ratios import LatestShadowRatios
 from .splat_integrator import SplatIntegrator, dog_shapes
 from .splat_lamps import SplatLamps, lamps_of
 from .straight import LatestStraight
-from .surfaces import Surfaces
-from .transfer import emitted, three_channels
+from .transfer import emitted
+from .wavefront import joined, parted, views_at_once
 
 LONGEST = 2**31 - 1  # segments, the most that Mitsuba's own integrators take
 SURE = 0.1  # share of a pixel from which on its path is traced for sure; what less is seen of is traced less often
@@ -111,8 +112,9 @@ class DogPathIntegrator(SplatIntegrator):
     transmittance of the splats on a segment, and L' what comes from behind. S is what they blend to if they are linear
     (``srgb_primitives`` false); else their mean colour, made linear, times 1 - T. See docs/dogpath.md.
 
-    **Samples per pixel.** As of ``dogsplat``: n samples are n passes, each with a path for every pixel, so that memory
-    does not grow with n. ``spp=0`` is the sample count of the sensor's sampler where there are other shapes.
+    **Samples per pixel.** As of ``dogsplat``: n samples are n passes, each with a path for every pixel. Passes of small
+    pictures are traced together (``wavefront.py``), so that memory grows with n up to a bound only. ``spp=0`` is the
+    sample count of the sensor's sampler where there are other shapes.
 
     **Derivatives.** Primal, forward and backward mode. The primary picture has all derivatives of ``dogsplat``. Paths
     are replayed (Vicini et al. 2021) with detached sampling: parameters of primitives have derivatives where a segment
@@ -152,38 +154,77 @@ class DogPathIntegrator(SplatIntegrator):
         super().warn_of_unseen(scene)
         warn_of_media(self.name, scene)
 
-    def shown_params(self, scene: mi.Scene, model: SplattedModel, view_pass: ViewPass) -> dict:
+    def shown_params(self, scene: mi.Scene, model: SplattedModel, camera: DeviceCamera) -> dict:
         if not (self.mesh_shadows and self.sees_surfaces(scene) and dr.width(model.params["logit_opacities"])):
             return model.params
         splats, samples = dog_shapes(scene), self.mesh_shadow_samples
         depth = self.max_depth if self.max_depth < LONGEST else -1  # which Mitsuba's base class holds as 2**32 - 1
         ratios = self._ratios.of(scene, splats, model.params, depth, samples)
         with dr.suspend_grad():
-            seen = ratios.seen_by(view_pass.camera, model.params)
+            seen = ratios.seen_by(camera, model.params)
         return dimmed(model.params, seen, model.drawn_as.linear)
 
-    def over_surfaces(self, frame: Frame, seen: Surfaces, drawn: Drawn) -> list:
-        T = frame.T
-        light = emitted(frame.colors, drawn.uncovered(T), drawn.linear)
+    def passes_at_once(self, scene: mi.Scene, model: SplattedModel, pixels: int) -> int:
+        if not self.sees_surfaces(scene):
+            return 1
+        return views_at_once(pixels, dr.width(model.params["logit_opacities"]))
+
+    def over_surfaces(self, views: Sequence[Splatted]) -> list[list]:
+        alike: dict[int, list[Splatted]] = {}  # mesh shadows are those that a camera sees: others, other primitives
+        for view in views:
+            alike.setdefault(id(view.drawn.params), []).append(view)
+        behind: dict[int, list] = {}
+        for group in alike.values():
+            behind |= zip(map(id, group), self._behind(group), strict=True)
+        return [self._over(view, behind[id(view)]) for view in views]
+
+    def _over(self, view: Splatted, behind: list) -> list:
+        T = view.frame.T
+        light = emitted(view.frame.colors, view.drawn.uncovered(T), view.drawn.linear)
+        return [dr.fma(T, b, c) for c, b in zip(light, behind, strict=True)]
+
+    def _behind(self, views: list[Splatted]) -> list[list]:
+        """What paths of views of the same primitives bring, traced together. What they find besides is noted in the
+        surfaces of each."""
+        drawn, count = views[0].drawn, len(views)
         limits = Limits(self.max_depth, self.rr_depth, self.hide_emitters, self.see_through)
-        probability = dr.clip(abs(dr.detach(T)) / SURE, 0, 1)
         scene, straight = drawn.scene, self._straight.of(drawn.scene)
         options = TraceOptions(drawn.options.sh_degree, self.negative_transmittance)
+        ray, probability = _rays(views)
+        streams = Streams([view.drawn.view_pass.sample for view in views], dr.width(ray) // count)
+        primal: list[LightPaths] = []
 
         def trace(params: dict, replay: Replay | None) -> Any:
             asked = params, options, drawn.linear
             tracer, lamps = self._tracer.of_replay(*asked, replay.forward) if replay else self._tracer.of(*asked)
-            guides = denoising.Guides(dr.width(seen.ray)) if self.denoising and replay is None else None
-            paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.sample, straight, guides)
-            found = paths.radiance(seen.ray, probability, replay)
-            if self.see_through and replay is None:
-                seen.clear = paths.clear
-            if guides:
-                seen.for_denoiser = denoising.planes(T, three_channels(found), guides)
-            return found
+            guides = denoising.Guides(dr.width(ray)) if self.denoising and replay is None else None
+            paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, streams, straight, guides)
+            if replay is None:
+                primal.append(paths)
+            return paths.radiance(ray, probability, replay)
 
-        behind = radiance(trace, drawn.params, drawn.derivative)
-        return [dr.fma(T, b, c) for c, b in zip(light, behind, strict=True)]
+        behind = radiance(trace, count, drawn.params, drawn.derivative)
+        (paths,) = primal
+        if self.see_through:
+            for view, (clear,) in zip(views, parted([paths.clear], count), strict=True):
+                view.surfaces.clear = clear
+        if paths.guides:
+            guides = parted(paths.guides.planes(), count)
+            for view, channels, of_view in zip(views, behind, guides, strict=True):
+                view.surfaces.for_denoiser = denoising.planes(view.frame.T, channels, of_view)
+        return behind
+
+
+def _rays(views: list[Splatted]) -> tuple[Any, Any]:
+    """Rays of views one after the other, and the probability with which each is followed."""
+    parts = []
+    for view in views:
+        ray, T = view.surfaces.ray, view.frame.T
+        parts.append([*ray.o, *ray.d, ray.maxt, dr.clip(abs(dr.detach(T)) / SURE, 0, 1)])
+    *ray, maxt, probability = joined(parts)
+    found = mi.Ray3f(mi.Point3f(ray[:3]), mi.Vector3f(ray[3:]))
+    found.maxt = maxt
+    return found, probability
 
 
 mi.register_integrator("dogpath", lambda props: DogPathIntegrator(props))

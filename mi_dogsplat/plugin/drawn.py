@@ -1,4 +1,4 @@
-"""What is drawn: the model that all passes of a render share, and what a pass makes of it."""
+"""What is drawn: the model that all passes of a render share, what a pass makes of it, and what of it is splatted."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..engine.options import RasterOptions
+from ..engine.rasterize import Frame
 from ..scene.drawing import DrawnAs
 from .sensor import ViewPass
 from .transfer import linear_to_srgb, srgb_to_linear
@@ -45,3 +46,12 @@ class Drawn:
     def decoded(self, colors: list) -> list:
         """Colours of the primitives' space as radiance."""
         return colors if self.linear else srgb_to_linear(colors)
+
+
+@dataclass
+class Splatted:
+    """A view of a pass: its splats, in front of the surfaces that its rays meet."""
+
+    drawn: Drawn
+    frame: Frame
+    surfaces: Any  # Surfaces; None where none are seen

@@ -84,4 +84,5 @@ class Filter:
 def normalized(sums: list[mi.Float]) -> list[mi.Float]:
     """Weighted means from what ``Filter.spread`` returns, added up over the passes; 0 where there is no sample."""
     inverse = dr.select(sums[-1] != 0, dr.rcp(sums[-1]), 0)
+    dr.make_opaque(inverse)  # the number of passes, where all count the same: a kernel for each would be compiled
     return [plane * inverse for plane in sums[:-1]]

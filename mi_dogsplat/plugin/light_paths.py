@@ -29,12 +29,12 @@ from mitsuba.python.ad.integrators.common import mis_weight
 
 from ..tracing.tracer import SplatTracer
 from .denoising import Guides
-from .numbers import Numbers
+from .numbers import Streams
 from .replayed import Replay
-from .samples import Sample
 from .splat_lamps import SplatLamps
 from .straight import transmittance
 from .transfer import emitted, mean_of, spectrum_of
+from .wavefront import add_to
 
 RR_MAX = 0.95  # the most that Russian roulette gives a path to go on, as in Mitsuba's own integrators
 
@@ -53,7 +53,7 @@ class Limits:
 class Lanes:
     """Paths at the beginning of a segment."""
 
-    sample: Any  # of the pass, that a path belongs to
+    sample: Any  # of the wavefront, that a path belongs to
     o: Any
     d: Any
     β: Any
@@ -88,23 +88,23 @@ class Bounce:
 
 
 class LightPaths:
-    """Traces the rays of one pass, and again for its derivatives.
+    """Traces the rays of a wavefront, and again for its derivatives.
 
     Args:
         tracer: of the primitives of the scene; attached to the AD graph for a replay.
         lamps: those among the primitives, None where there are none.
         linear: colours of the primitives are linear, not sRGB.
-        of_pass: which pass it is: of the random numbers.
+        streams: of random numbers.
         straight: light passes surfaces of the scene straight.
         guides: added to, of what is not a replay; None where no denoiser asks for them.
     """
 
     def __init__(
-        self, scene: Any, tracer: SplatTracer, lamps: SplatLamps | None, limits: Limits, linear: bool, of_pass: Sample,
+        self, scene: Any, tracer: SplatTracer, lamps: SplatLamps | None, limits: Limits, linear: bool, streams: Streams,
         straight: bool, guides: Guides | None = None,
     ):  # fmt: skip
         self.scene, self.tracer, self.lamps = scene, tracer, lamps
-        self.limits, self.linear, self.of_pass, self.straight = limits, linear, of_pass, straight
+        self.limits, self.linear, self.streams, self.straight = limits, linear, streams, straight
         self.guides = guides
         self.clear: Any = mi.Float(0)  # of each ray, once traced: the share that no surface or splat keeps
 
@@ -134,7 +134,7 @@ class LightPaths:
     def _start(self, ray: Any, probability: Any, replay: Replay | None) -> Lanes:
         n = dr.width(ray)
         sample = dr.arange(mi.UInt32, n)
-        draw = Numbers(sample, -1, self.of_pass).next_1d()
+        draw = self.streams.at(sample, -1).next_1d()
         L = dr.zeros(mi.Spectrum, n) if replay is None else mi.Spectrum(replay.L)
         β = mi.Spectrum(dr.select(probability > 0, dr.rcp(probability), 0))
         all_ones = dr.full(mi.Float, 1, n)
@@ -150,14 +150,14 @@ class LightPaths:
         ``first_maxt``: of the rays of the camera, where its far clip ends them.
         """
         attached = replay is not None
-        random = Numbers(lanes.sample, segment, self.of_pass)
+        random = self.streams.at(lanes.sample, segment)
         # a literal where it is the same for all, so that kernels leave out what it decides; else one kernel for all
         depth = (dr.opaque(mi.UInt32, segment) if self.straight else mi.UInt32(segment)) - lanes.passed
 
         lanes, si, Ls, Lr_splats = self._to_surface(lanes, segment, attached, first_maxt)
         Le = self._from_where_it_ends(si, lanes, attached)
         if self.limits.see_through:
-            dr.scatter_add(self.clear, mean_of(lanes.β), lanes.sample, lanes.straight & ~si.is_valid())
+            add_to(self.clear, mean_of(lanes.β), lanes.sample, lanes.straight & ~si.is_valid())
         if self.guides:
             self.guides.add_light(Ls + Le, lanes.sample, lanes.sharp)
 
@@ -169,7 +169,7 @@ class LightPaths:
             self.guides.add_surface(si, bsdf, lanes.β, lanes.sample, lanes.sharp & si.is_valid() & smooth)
             lanes = replace(lanes, sharp=lanes.sharp & ~smooth)
         if replay is None:
-            dr.scatter_add(found, Ls + Le + Lr_direct, lanes.sample)
+            add_to(found, Ls + Le + Lr_direct, lanes.sample)
         else:
             lanes = replace(lanes, L=lanes.L - dr.detach(Le + Lr_direct))
             with dr.resume_grad():
@@ -178,7 +178,7 @@ class LightPaths:
                 replay.differentiate(Ls + Lr_splats + Le + Lr_direct + Lr_scattered, lanes.sample, found)
 
         lanes, active = self._behind(lanes, si, bounce, depth, random)
-        dr.schedule(found, self.clear, self.guides.arrays() if self.guides else [])
+        dr.schedule(found, self.clear, self.guides.planes() if self.guides else [])
         dr.eval(found, lanes.values(), active)
         return lanes.select(dr.compress(active))
 

@@ -8,6 +8,7 @@ passes have one value in each of 2^k equal parts of the unit interval, and of th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -18,23 +19,51 @@ from .samples import STREAM, Sample
 HALVES = ((16, 0x0000FFFF), (8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555))
 
 
-class Numbers:
-    """What a pass draws at a vertex, in [0, 1).
+class Streams:
+    """What the rays of a wavefront draw from.
 
     Args:
-        sample: [n] the pixel of each lane.
-        segment: at whose end the vertex is; -1 for what is drawn before the first.
-        of_pass: the pass. One that has no number in a sequence has independent random numbers.
+        passes: of each of its views, which lie one after the other, the pass; all are of one render. One that has no
+            number in a sequence has independent random numbers.
+        pixels: of a view.
     """
 
-    def __init__(self, sample: Any, segment: int, of_pass: Sample):
-        number = of_pass.number
-        seed = (of_pass.seed if number is None else of_pass.shared_seed) + (segment + 1) * STREAM
-        opaque: Any = dr.opaque(mi.UInt32, seed % 2**32)
-        state, sequence = mi.sample_tea_32(sample, opaque)
+    def __init__(self, passes: Sequence[Sample], pixels: int):
+        numbers, first = [one.number for one in passes], passes[0]
+        self._seed = first.seed if first.number is None else first.shared_seed
+        self._pixels = dr.opaque(mi.UInt32, pixels)
+        self._numbers: Any = None
+        if first.number is not None:
+            self._numbers = mi.UInt32(numbers)
+            dr.make_opaque(self._numbers)
+
+    def at(self, ray: Any, segment: int) -> Numbers:
+        """What lanes draw at a vertex.
+
+        Args:
+            ray: [n] that of each lane.
+            segment: at whose end the vertex is; -1 for what is drawn before the first.
+        """
+        view = ray // self._pixels
+        number = None if self._numbers is None else dr.gather(mi.UInt32, self._numbers, view)
+        return Numbers(ray - view * self._pixels, (self._seed + (segment + 1) * STREAM) % 2**32, number)
+
+
+class Numbers:
+    """Random numbers of pixels at a vertex, in [0, 1).
+
+    Args:
+        pixel: [n] of each lane.
+        seed: of the vertex.
+        number: [n] the place of the pass in the sequences; None: numbers are independent.
+    """
+
+    def __init__(self, pixel: Any, seed: int, number: Any):
+        opaque: Any = dr.opaque(mi.UInt32, seed)
+        state, sequence = mi.sample_tea_32(pixel, opaque)
         generator: Any = mi.PCG32
         self._generator = generator(1, mi.UInt64(state), mi.UInt64(sequence))
-        self._reversed = None if number is None else dr.brev(dr.opaque(mi.UInt32, number))
+        self._reversed = None if number is None else dr.brev(number)
 
     def next_1d(self) -> Any:
         if self._reversed is None:

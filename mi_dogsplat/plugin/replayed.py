@@ -14,6 +14,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .transfer import three_channels
+from .wavefront import add_to, joined, parted
 
 
 @dataclass
@@ -45,18 +46,21 @@ class Replay:
             # edges are cleared: calls of BSDFs look at all that leave a parameter, and stop at those of others.
             # Tangents stay: the next segment meets the same parameters, and what plugins computed from them
             dr.forward_to(value, flags=dr.ADFlag.ClearEdges)
-            dr.scatter_add(found, dr.grad(value), sample)
+            add_to(found, dr.grad(value), sample)
         else:
             δL = dr.gather(mi.Spectrum, self.δL, sample)
             with dr.isolate_grad():  # what all segments share is derived later
                 dr.backward_from(δL * value)
 
 
-def radiance(trace: Callable[[dict, Replay | None], Any], params: dict, derivative: bool) -> list:
-    """What ``trace`` finds, three channels, attached to the AD graph where ``params`` are.
+def radiance(
+    trace: Callable[[dict, Replay | None], Any], views: int, params: dict, derivative: bool
+) -> list[list]:
+    """What ``trace`` finds, three channels of each view, attached to the AD graph where ``params`` are.
 
     Args:
         trace: of parameters and a replay, or None: a spectrum, as ``LightPaths.radiance`` returns it.
+        views: how many are traced in one wavefront.
         params: raw parameters of primitives as flat arrays.
         derivative: wanted for its graph; then it is attached in any case, for what the replay finds besides.
     """
@@ -64,15 +68,16 @@ def radiance(trace: Callable[[dict, Replay | None], Any], params: dict, derivati
     always = mi.Float(0)
     if derivative:
         dr.enable_grad(always)
-    channels: Any = dr.custom(_Paths, _Fixed(trace, params, names), [params[name] for name in names], always)
-    return three_channels(channels)
+    fixed = _Fixed(trace, views, params, names)
+    found: Any = dr.custom(_Paths, fixed, [params[name] for name in names], always)
+    return [three_channels(channels) for channels in found]
 
 
 class _Fixed:
     """What has no derivative, as an object of which Dr.Jit sees nothing."""
 
-    def __init__(self, trace: Callable, params: dict, names: list[str]):
-        self.trace, self.names = trace, names
+    def __init__(self, trace: Callable, views: int, params: dict, names: list[str]):
+        self.trace, self.views, self.names = trace, views, names
         self.others = {name: value for name, value in params.items() if name not in names}
 
     def with_values(self, values: list) -> dict:
@@ -80,17 +85,18 @@ class _Fixed:
 
 
 class _Paths(dr.CustomOp):
-    """Values of the parameters to channels of radiance."""
+    """Values of the parameters to channels of radiance of each view."""
 
-    def eval(self, fixed: _Fixed, values: list, always: Any) -> list:
+    def eval(self, fixed: _Fixed, values: list, always: Any) -> list[list]:
         self.fixed, self.values = fixed, values
         self.L = fixed.trace(fixed.with_values(values), None)
-        return list(self.L)
+        return parted(self.L, fixed.views)
 
     def backward(self) -> None:
         leaves = self._leaves()
         with dr.resume_grad():
-            replay = Replay(self.L, mi.Spectrum(self.grad_out()))
+            δL: Any = self.grad_out()
+            replay = Replay(self.L, mi.Spectrum(joined(δL)))
             self.fixed.trace(self.fixed.with_values(leaves), replay)
         self.set_grad_in("values", [dr.grad(leaf) for leaf in leaves])
 
@@ -99,7 +105,7 @@ class _Paths(dr.CustomOp):
         dr.set_grad(leaves, self.grad_in("values"))
         with dr.resume_grad():
             δL = self.fixed.trace(self.fixed.with_values(leaves), Replay(self.L))
-        self.set_grad_out(list(δL))
+        self.set_grad_out(parted(δL, self.fixed.views))
 
     def _leaves(self) -> list:
         """The parameters as variables of their own, so that their gradients are those of this operation."""

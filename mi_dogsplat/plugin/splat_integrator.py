@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from operator import index
 from typing import Any
 
@@ -12,16 +13,17 @@ from mitsuba.python.ad.integrators.common import ADIntegrator
 
 from ..engine import aovs
 from ..engine.arrays import backward
+from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import concatenate
-from ..engine.rasterize import Frame, LastFrame, rasterize
+from ..engine.rasterize import LastFrame, rasterize
 from ..scene.drawing import Drawing, DrawnAs
 from ..scene.sh_basis import sh_degree_of
 from ..shape_dog import DogShape
 from . import background, denoising, surfaces
 from .agreement import agreed
 from .camera_masks import CHANNEL, CameraMasks
-from .drawn import Drawn, SplattedModel
+from .drawn import Drawn, Splatted, SplattedModel
 from .film import develop, has_alpha, side_by_side
 from .filter import Filter, normalized
 from .freezing import refuse_freezing
@@ -38,9 +40,9 @@ class SplatIntegrator(ADIntegrator):
     """Draws whole images of ``dog`` shapes by splatting; ``mi.render`` in primal, forward and backward mode.
 
     What other shapes look like, how they show through splats, and what they do to them, is for its children to say:
-    ``sees_surfaces``, ``over_surfaces`` and ``shown_params``. ``on_pass``, where it is set, is called after each of
-    several passes with the number of those that are done, and of all. ``first_pass``, where it is set, is the number of
-    the first one of renders that go on from others of the same seed: random numbers fall evenly over all. ``masks``,
+    ``sees_surfaces``, ``over_surfaces`` and ``shown_params``. ``on_pass``, where it is set, is called after passes with
+    the number of those that are done, and of all, if there are several. ``first_pass``, where it is set, is the number
+    of the first one of renders that go on from others of the same seed: random numbers fall evenly over all. ``masks``,
     where they are set, say what the camera sees otherwise than light does, without derivatives; then the film has one
     more channel. ``denoising``: whether films have the channels of ``denoising.py`` as well. ``warns``: whether
     Mitsuba's logger is told of shapes that are not drawn.
@@ -81,12 +83,17 @@ class SplatIntegrator(ADIntegrator):
         """Whether other shapes than ``dog`` are there and shown."""
         raise NotImplementedError
 
-    def over_surfaces(self, frame: Frame, seen: Surfaces, drawn: Drawn) -> list:
-        """Film radiance, three channels, of splats that end at surfaces, over these and the background."""
+    def over_surfaces(self, views: Sequence[Splatted]) -> list[list]:
+        """Film radiance, three channels, of each view: of splats that end at surfaces, over these and the
+        background."""
         raise NotImplementedError
 
-    def shown_params(self, scene: mi.Scene, model: SplattedModel, view_pass: ViewPass) -> dict:
-        """Parameters of the primitives as a view shows them."""
+    def passes_at_once(self, scene: mi.Scene, model: SplattedModel, pixels: int) -> int:
+        """How many passes of so many pixels are drawn together."""
+        return 1
+
+    def shown_params(self, scene: mi.Scene, model: SplattedModel, camera: DeviceCamera) -> dict:
+        """Parameters of the primitives as they are seen from the place of a camera."""
         return model.params
 
     def warn_of_unseen(self, scene: mi.Scene) -> None:
@@ -118,11 +125,12 @@ class SplatIntegrator(ADIntegrator):
             return image
 
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0) -> mi.TensorXf:
+        sensor = _sensor(scene, sensor)
         with ONE_AT_A_TIME, dr.resume_grad():
-            image = self.developed(scene, _sensor(scene, sensor), seed, spp, derivative=True)
-            # the tangent of what a parameter was computed to stays for the next render of the same graph
-            dr.forward_to(image, flags=dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad)
-            return dr.grad(image)
+            passes = self._passes(scene, sensor, seed, spp)
+            if len(passes) == 1:
+                return _tangents(self.developed(scene, sensor, seed, spp, derivative=True))
+            return self._forward_by_passes(scene, sensor, passes)
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
         sensor = _sensor(scene, sensor)
@@ -139,7 +147,7 @@ class SplatIntegrator(ADIntegrator):
     # --- passes ---
 
     def _backward_by_passes(self, scene, sensor, passes: list[Sample], grad_in) -> None:
-        """One pass after the other, so that memory does not grow with their number: their mean is linear in them."""
+        """Some passes after others, so that memory does not grow with their number: their mean is linear in them."""
         film = sensor.film()
         pixel_filter, pixels = Filter(film, self.denoising), dr.prod(film.crop_size())
         passes = pixel_filter.places(passes)
@@ -148,14 +156,31 @@ class SplatIntegrator(ADIntegrator):
         dr.enable_grad(planes)
         backward([develop(film, self.aov_names(), planes, derivative=True)], [grad_in])
         weights = sum(pixel_filter.spread([], sample)[0] for sample in passes)
-        adjoints = [dr.select(weights != 0, dr.grad(plane) / weights, 0) for plane in planes]
+        adjoints = normalized([*dr.grad(planes), weights])
         dr.eval(adjoints)
         model = self._model(scene)
-        for sample in passes:
+        for group in self._groups(passes, scene, model, film):
             with dr.isolate_grad():  # what all passes share is derived once, at the end
-                values = self._pass(scene, model, sensor, sample, pixel_filter.border, derivative=True)
-                sums = pixel_filter.spread(values, sample)
-                backward(sums[:-1], adjoints)
+                images = self._images(scene, model, sensor, group, pixel_filter.border, derivative=True)
+                sums = [pixel_filter.spread(*one)[:-1] for one in zip(images, group, strict=True)]
+                backward(sum(sums, []), adjoints * len(group))
+            dr.eval([dr.grad(value) for value in model.params.values() if dr.grad_enabled(value)])
+
+    def _forward_by_passes(self, scene, sensor, passes: list[Sample]) -> mi.TensorXf:
+        """The tangent of the image, likewise."""
+        film, model = sensor.film(), self._model(scene)
+        pixel_filter, totals = Filter(film, self.denoising), []
+        for group in self._groups(pixel_filter.places(passes), scene, model, film):
+            images = self._images(scene, model, sensor, group, pixel_filter.border, derivative=True)
+            for sums in [pixel_filter.spread(*one) for one in zip(images, group, strict=True)]:
+                new = [*_tangents(sums)[:-1], *dr.detach(sums)]
+                totals = [a + b for a, b in zip(totals, new, strict=True)] if totals else new
+                dr.eval(totals)
+        n = len(totals) // 2
+        planes, tangents = normalized(totals[n:]), normalized([*totals[:n], totals[-1]])
+        dr.enable_grad(planes)
+        dr.set_grad(planes, tangents)
+        return _tangents(develop(film, self.aov_names(), planes, derivative=True))
 
     def developed(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, derivative=False) -> Any:
         """The image of the film, attached to the AD graph where the parameters are.
@@ -164,14 +189,16 @@ class SplatIntegrator(ADIntegrator):
         """
         passes, film, model = self._passes(scene, sensor, seed, spp), sensor.film(), self._model(scene)
         if len(passes) == 1:
-            planes = self._pass(scene, model, sensor, passes[0], derivative=derivative)
+            (planes,) = self._images(scene, model, sensor, passes, derivative=derivative)
         else:
-            pixel_filter, sums = Filter(film, self.denoising), []
-            for done, sample in enumerate(pixel_filter.places(passes), 1):
-                values = self._pass(scene, model, sensor, sample, pixel_filter.border, derivative)
-                new = pixel_filter.spread(values, sample)
-                sums = [a + b for a, b in zip(sums, new, strict=True)] if sums else new
-                dr.eval(sums)
+            pixel_filter, sums, done = Filter(film, self.denoising), [], 0
+            for group in self._groups(pixel_filter.places(passes), scene, model, film):
+                images = self._images(scene, model, sensor, group, pixel_filter.border, derivative)
+                for one in zip(images, group, strict=True):
+                    new = pixel_filter.spread(*one)
+                    sums = [a + b for a, b in zip(sums, new, strict=True)] if sums else new
+                    dr.eval(sums)
+                done += len(group)
                 if self.on_pass:
                     dr.sync_thread()
                     self.on_pass(done, len(passes))
@@ -193,15 +220,32 @@ class SplatIntegrator(ADIntegrator):
             raise RuntimeError(f'{self.name}: the AOV "index" has no mean over {spp} samples per pixel; use spp=1')
         return samples(spp, int(seed[0] if dr.is_array_v(seed) else seed), self.first_pass)
 
-    def _pass(
-        self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, sample: Sample, border: int = 0,
+    def _groups(
+        self, passes: list[Sample], scene: mi.Scene, model: SplattedModel, film: mi.Film
+    ) -> Iterator[list[Sample]]:
+        """Those that are drawn together."""
+        count = self.passes_at_once(scene, model, dr.prod(film.crop_size()))
+        for k in range(0, len(passes), count):
+            yield passes[k : k + count]
+
+    def _images(
+        self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, passes: list[Sample], border: int = 0,
         derivative: bool = False,
-    ) -> list[mi.Float]:  # fmt: skip
-        """Planes of the film's channels at the samples of one pass; ``derivative`` as in ``developed``."""
+    ) -> list[list[mi.Float]]:  # fmt: skip
+        """Of each pass, planes of the film's channels at its samples; ``derivative`` as in ``developed``."""
         views = self._sensors.views(sensor, model.drawn_as.near_clip)
-        passes, alone = [view.through(sample, border) for view in views], len(views) == 1
-        images = [self._planes(scene, model, sensor.film(), one, derivative, alone) for one in passes]
-        return side_by_side(images, passes[0].camera.width, passes[0].camera.height)
+        fixed = [None if view.lens else self.shown_params(scene, model, view.camera) for view in views]
+        splatted = []
+        for sample in passes:
+            for view, params in zip(views, fixed, strict=True):
+                view_pass = view.through(sample, border)
+                params = self.shown_params(scene, model, view_pass.camera) if params is None else params
+                splatted.append(self._splatted(scene, model, params, view_pass, derivative, len(views) == 1))
+        shown = zip(splatted, self._colors(splatted), strict=True)
+        planes = [self._channels(view, colors, sensor.film()) for view, colors in shown]
+        camera = splatted[0].drawn.view_pass.camera
+        n = len(views)
+        return [side_by_side(planes[k : k + n], camera.width, camera.height) for k in range(0, len(planes), n)]
 
     # --- a view of a pass ---
 
@@ -219,11 +263,11 @@ class SplatIntegrator(ADIntegrator):
         params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])
         return SplattedModel(params, sh_degree_of(sh_size), self.drawn_as(scene))
 
-    def _planes(
-        self, scene: mi.Scene, model: SplattedModel, film: mi.Film, view_pass: ViewPass, derivative: bool, alone: bool
-    ) -> list[mi.Float]:
-        """Planes of a view; ``alone``: there is no other one in the pass, so that its stages are the latest."""
-        params, drawn_as = self.shown_params(scene, model, view_pass), model.drawn_as
+    def _splatted(
+        self, scene: mi.Scene, model: SplattedModel, params: dict, view_pass: ViewPass, derivative: bool, alone: bool
+    ) -> Splatted:
+        """A view of ``params``; ``alone``: there is no other one in the pass, so that its stages are the latest."""
+        drawn_as = model.drawn_as
         options = RasterOptions(
             sh_degree=model.sh_degree,
             antialiased=drawn_as.antialiased,
@@ -236,17 +280,28 @@ class SplatIntegrator(ADIntegrator):
         if self.masks:
             frame = self.masks.frame(drawn, seen)
         else:
-            frame = rasterize(params, view_pass.camera, drawn.options, None, last, derivative and alone, stop_depth)
-        colors: list
+            many = derivative and view_pass.sample.number is not None
+            how = {"last": last, "recall": derivative and alone, "stop_depth": stop_depth, "one_of_many": many}
+            frame = rasterize(params, view_pass.camera, drawn.options, **how)
+        return Splatted(drawn, frame, seen)
+
+    def _colors(self, views: list[Splatted]) -> list[list]:
+        """Film radiance of each, three channels. Surfaces are seen in all of them, or in none."""
+        if views[0].surfaces:
+            return self.over_surfaces(views)
+        return [
+            view.drawn.decoded(self.over_background(view.frame.colors, view.frame.T, view.drawn)) for view in views
+        ]
+
+    def _channels(self, view: Splatted, colors: list, film: mi.Film) -> list[mi.Float]:
+        """Planes of the film's channels."""
+        drawn, seen, frame = view.drawn, view.surfaces, view.frame
         if seen:
-            colors = self.over_surfaces(frame, seen, drawn)
             frame = seen.behind(frame)
-        else:
-            colors = drawn.decoded(self.over_background(frame.colors, frame.T, drawn))
         if mi.is_monochromatic:
             colors = [mi.luminance(mi.Color3f(colors))] * 3
-        alpha = [1 - frame.T] if has_alpha(film) else []
-        extra = dict(zip(aovs.channel_names(self.aovs), aovs.channels(self.aovs, frame, derivative), strict=True))
+        alpha, found = [1 - frame.T] if has_alpha(film) else [], aovs.channels(self.aovs, frame, drawn.derivative)
+        extra = dict(zip(aovs.channel_names(self.aovs), found, strict=True))
         if drawn.hole is not None:
             extra[CHANNEL] = drawn.hole
         if self.denoising:
@@ -288,6 +343,12 @@ def dog_shapes(scene: mi.Scene) -> list[DogShape]:
     Mitsuba's own order changes from load to load, and with it would who is in front where primitives have one depth.
     """
     return sorted((shape for shape in scene.shapes() if is_dog_shape(shape)), key=lambda shape: shape.id())
+
+
+def _tangents(values: Any) -> Any:
+    """What parameters say of them. Those of what a parameter was computed to stay for the next render of its graph."""
+    dr.forward_to(values, flags=dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad)
+    return dr.grad(values)
 
 
 def _sensor(scene: mi.Scene, sensor: mi.Sensor | int) -> mi.Sensor:

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.plugin.numbers import Numbers
+from mi_dogsplat.plugin.numbers import Streams
 from mi_dogsplat.plugin.samples import samples
 from mi_dogsplat.requests.gradual import means
 from mi_dogsplat.requests.request import Request
@@ -19,7 +19,7 @@ PIXELS = 400
 
 def drawn(count: int, segment=0, seed=3) -> np.ndarray:
     """[count, 4, PIXELS]: one number, one pair, and one number."""
-    numbers = [Numbers(dr.arange(mi.UInt32, PIXELS), segment, one) for one in samples(count, seed)]
+    numbers = [Streams([one], PIXELS).at(dr.arange(mi.UInt32, PIXELS), segment) for one in samples(count, seed)]
     return np.array([[n.next_1d().numpy(), *n.next_2d().numpy(), n.next_1d().numpy()] for n in numbers], float)
 
 
