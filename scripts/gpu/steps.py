@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -25,6 +25,7 @@ BENCHMARKS = {
     "launches_everything": "Stages of a step with everything",
     "million": "A million primitives at 1600x1066",
     "device_memory": "Memory of the device",
+    "wavefronts": "Light paths, by how many rays are traced together",
 }
 CANNOT_TELL, WITHOUT_OPTIX = 2, 3  # exit status of a check, and of the probe
 # These load scenes throughout, and one of them ends its process where there is no OptiX.
@@ -144,6 +145,7 @@ def _benchmarks(setup: Setup) -> list[Step]:
         _benchmark(setup, "launches_everything", 40, "--primitives", 300, "--size", 64, 48),
         _benchmark(setup, "million", 60, "--primitives", 500, "--size", 64, 48, "--rounds", 1),
         _benchmark(setup, "device_memory", 60, "--primitives", 500, 1000, "--width", 64),
+        replace(_benchmark(setup, "wavefronts", 60, "--width", 24, "--spp", 2, "--rounds", 1), optix=True),
     ]
 
 

@@ -1,6 +1,5 @@
 """Bands of tile rows: the same bits as without, in less memory."""
 
-import gc
 from collections.abc import Callable
 from typing import Any
 
@@ -8,6 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from device_peak import device_peak
 from mi_dogsplat.engine.arrays import detached
 from mi_dogsplat.engine.bands import LISTED, WALKED, BandedView, bands_of
 from mi_dogsplat.engine.geometry import Blocks, Grid
@@ -228,18 +228,7 @@ def test_the_memory_of_a_view_follows_the_bands_and_not_its_isects():
     total = int(rows.sum())
     assert total > 10 * n
 
-    def peak(**chosen) -> int:
-        for _ in range(2):
-            gc.collect()
-            dr.sync_thread()
-            dr.flush_malloc_cache()
-            dr.detail.malloc_clear_statistics()
-            before = dr.detail.malloc_watermark(dr.backend_v(mi.Float))
-            passes(splats, camera, **chosen)
-            dr.sync_thread()
-            most = dr.detail.malloc_watermark(dr.backend_v(mi.Float)) - before
-        return most
-
-    whole, banded = peak(), peak(isect_memory=memory_for(8, rows))
+    whole = device_peak(lambda: passes(splats, camera))
+    banded = device_peak(lambda: passes(splats, camera, isect_memory=memory_for(8, rows)))
     assert whole > 100 * total  # bytes
     assert banded < whole / 2, (whole, banded, total)

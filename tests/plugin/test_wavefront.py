@@ -7,6 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from device_peak import device_peak
 from dogpath_scenes import CAMERA, T4, facing_camera, rgb, square
 from launches import KernelWatch, kernels, launches
 from mi_dogsplat.plugin import wavefront
@@ -145,6 +146,32 @@ def test_kernels_of_derivatives_do_not_grow_with_the_number_of_passes():
     few, many = ({ops for _, ops in kernels(partial(derived, spp))} for spp in (3, 7))
     assert max(few) > 1000
     assert max(many - few) < 10 * 7
+
+
+@pytest.mark.parametrize("forward", [True, False])
+@pytest.mark.parametrize("kind", ["dogsplat", "dogpath"])
+def test_memory_of_derivatives_does_not_grow_with_the_number_of_passes(alone, kind, forward):
+    alone()
+    splats = rounded(random_splats(2000, seed=3, degree=1))
+    scene = scene_of(splats, CAMERA, extra={"wall": facing_camera(4.5)}, type=kind)
+    params: Any = mi.traverse(scene)
+    places = params["splats.means"]
+
+    def derived(spp: int) -> None:
+        x = mi.Float(0)
+        dr.enable_grad(x)
+        dr.set_grad(x, 1)
+        params["splats.means"] = places + x
+        params.update()
+        image: Any = mi.render(scene, params, spp=spp, seed=SEED)
+        if forward:
+            dr.eval(dr.forward_to(image))
+        else:
+            dr.backward(dr.mean(image))
+            dr.eval(dr.grad(x))
+
+    few, many = (device_peak(partial(derived, spp)) for spp in (3, 24))
+    assert many < 1.2 * few
 
 
 def test_segments_are_launched_once_for_all_passes(alone):
