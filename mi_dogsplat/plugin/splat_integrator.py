@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from functools import partial
 from operator import index
 from typing import Any
 
@@ -25,13 +26,13 @@ from .agreement import agreed
 from .camera_masks import CHANNEL, CameraMasks
 from .drawn import Drawn, Splatted, SplattedModel
 from .film import develop, has_alpha, side_by_side
-from .filter import Filter, normalized
 from .freezing import refuse_freezing
 from .given_model import is_dog_shape
 from .instances import warn_of_instances
 from .properties import given
 from .samples import Sample, samples
 from .sensor import SensorReader, ViewPass
+from .several_passes import SeveralPasses, tangents
 from .surfaces import Surfaces
 from .turns import ONE_AT_A_TIME
 
@@ -129,8 +130,8 @@ class SplatIntegrator(ADIntegrator):
         with ONE_AT_A_TIME, dr.resume_grad():
             passes = self._passes(scene, sensor, seed, spp)
             if len(passes) == 1:
-                return _tangents(self.developed(scene, sensor, seed, spp, derivative=True))
-            return self._forward_by_passes(scene, sensor, passes)
+                return tangents(self.developed(scene, sensor, seed, spp, derivative=True))
+            return self._several(scene, self._model(scene), sensor, passes).tangent()
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
         sensor = _sensor(scene, sensor)
@@ -141,69 +142,30 @@ class SplatIntegrator(ADIntegrator):
                     image = self.developed(scene, sensor, seed, spp, derivative=True)
                     backward([image], [grad_in])
                 else:
-                    self._backward_by_passes(scene, sensor, passes, grad_in)
+                    model, n_planes = self._model(scene), 3 + has_alpha(sensor.film()) + len(self.aov_names())
+                    self._several(scene, model, sensor, passes).backward(grad_in, n_planes, model.params)
             dr.eval()
 
     # --- passes ---
-
-    def _backward_by_passes(self, scene, sensor, passes: list[Sample], grad_in) -> None:
-        """Some passes after others, so that memory does not grow with their number: their mean is linear in them."""
-        film = sensor.film()
-        pixel_filter, pixels = Filter(film, self.denoising), dr.prod(film.crop_size())
-        passes = pixel_filter.places(passes)
-        n_planes = 3 + has_alpha(film) + len(self.aov_names())
-        planes = [dr.zeros(mi.Float, pixels) for _ in range(n_planes)]
-        dr.enable_grad(planes)
-        backward([develop(film, self.aov_names(), planes, derivative=True)], [grad_in])
-        weights = sum(pixel_filter.spread([], sample)[0] for sample in passes)
-        adjoints = normalized([*dr.grad(planes), weights])
-        dr.eval(adjoints)
-        model = self._model(scene)
-        for group in self._groups(passes, scene, model, film):
-            with dr.isolate_grad():  # what all passes share is derived once, at the end
-                images = self._images(scene, model, sensor, group, pixel_filter.border, derivative=True)
-                sums = [pixel_filter.spread(*one)[:-1] for one in zip(images, group, strict=True)]
-                backward(sum(sums, []), adjoints * len(group))
-            dr.eval([dr.grad(value) for value in model.params.values() if dr.grad_enabled(value)])
-
-    def _forward_by_passes(self, scene, sensor, passes: list[Sample]) -> mi.TensorXf:
-        """The tangent of the image, likewise."""
-        film, model = sensor.film(), self._model(scene)
-        pixel_filter, totals = Filter(film, self.denoising), []
-        for group in self._groups(pixel_filter.places(passes), scene, model, film):
-            images = self._images(scene, model, sensor, group, pixel_filter.border, derivative=True)
-            for sums in [pixel_filter.spread(*one) for one in zip(images, group, strict=True)]:
-                new = [*_tangents(sums)[:-1], *dr.detach(sums)]
-                totals = [a + b for a, b in zip(totals, new, strict=True)] if totals else new
-                dr.eval(totals)
-        n = len(totals) // 2
-        planes, tangents = normalized(totals[n:]), normalized([*totals[:n], totals[-1]])
-        dr.enable_grad(planes)
-        dr.set_grad(planes, tangents)
-        return _tangents(develop(film, self.aov_names(), planes, derivative=True))
 
     def developed(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, derivative=False) -> Any:
         """The image of the film, attached to the AD graph where the parameters are.
 
         ``derivative``: wanted for its graph only, after a primal pass; the film is left as it is.
         """
-        passes, film, model = self._passes(scene, sensor, seed, spp), sensor.film(), self._model(scene)
+        passes, model = self._passes(scene, sensor, seed, spp), self._model(scene)
         if len(passes) == 1:
             (planes,) = self._images(scene, model, sensor, passes, derivative=derivative)
         else:
-            pixel_filter, sums, done = Filter(film, self.denoising), [], 0
-            for group in self._groups(pixel_filter.places(passes), scene, model, film):
-                images = self._images(scene, model, sensor, group, pixel_filter.border, derivative)
-                for one in zip(images, group, strict=True):
-                    new = pixel_filter.spread(*one)
-                    sums = [a + b for a, b in zip(sums, new, strict=True)] if sums else new
-                    dr.eval(sums)
-                done += len(group)
-                if self.on_pass:
-                    dr.sync_thread()
-                    self.on_pass(done, len(passes))
-            planes = normalized(sums)
-        return develop(film, self.aov_names(), planes, derivative)
+            planes = self._several(scene, model, sensor, passes).planes(self.on_pass, derivative)
+        return develop(sensor.film(), self.aov_names(), planes, derivative)
+
+    def _several(
+        self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, passes: list[Sample]
+    ) -> SeveralPasses:
+        film, images = sensor.film(), partial(self._images, scene, model, sensor)
+        together = self.passes_at_once(scene, model, dr.prod(film.crop_size()))
+        return SeveralPasses(film, self.aov_names(), passes, images, together, self.denoising)
 
     def _passes(self, scene: mi.Scene, sensor: mi.Sensor, seed, spp: int) -> list[Sample]:
         refuse_freezing(self.name, "a render")
@@ -219,14 +181,6 @@ class SplatIntegrator(ADIntegrator):
         if spp > 1 and "index" in self.aovs:
             raise RuntimeError(f'{self.name}: the AOV "index" has no mean over {spp} samples per pixel; use spp=1')
         return samples(spp, int(seed[0] if dr.is_array_v(seed) else seed), self.first_pass)
-
-    def _groups(
-        self, passes: list[Sample], scene: mi.Scene, model: SplattedModel, film: mi.Film
-    ) -> Iterator[list[Sample]]:
-        """Those that are drawn together."""
-        count = self.passes_at_once(scene, model, dr.prod(film.crop_size()))
-        for k in range(0, len(passes), count):
-            yield passes[k : k + count]
 
     def _images(
         self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, passes: list[Sample], border: int = 0,
@@ -343,12 +297,6 @@ def dog_shapes(scene: mi.Scene) -> list[DogShape]:
     Mitsuba's own order changes from load to load, and with it would who is in front where primitives have one depth.
     """
     return sorted((shape for shape in scene.shapes() if is_dog_shape(shape)), key=lambda shape: shape.id())
-
-
-def _tangents(values: Any) -> Any:
-    """What parameters say of them. Those of what a parameter was computed to stay for the next render of its graph."""
-    dr.forward_to(values, flags=dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad)
-    return dr.grad(values)
 
 
 def _sensor(scene: mi.Scene, sensor: mi.Sensor | int) -> mi.Sensor:
