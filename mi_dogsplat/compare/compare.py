@@ -103,10 +103,14 @@ def _check_arguments(
 ) -> None:  # fmt: skip
     """Raises ``DataError``, which names the flag, for what no comparison can be made of."""
     for flag, given in (("DATA", data), ("--seeds", seeds), ("--only", methods)):
+        if isinstance(given, str):
+            raise DataError(flag, f'is "{given}"', "give a list, of one where it is the only one")
         if not len(given):
             raise DataError(flag, "is empty", "give at least one")
     if unknown := [name for name in methods if name not in METHODS]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(METHODS)}")
+    if broken := [seed for seed in seeds if int(seed) != seed]:
+        raise DataError("--seeds", f"{broken[0]} is no whole number", "use 0, 1, 2 and so on")
     if min(seeds) < 0:
         raise DataError("--seeds", f"{min(seeds)} is out of range", "use at least 0")
     if workers < 0:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+MOST_PASSES = 2**18  # of a render: their places are all known before the first
 STREAM = 0x9E3779B9  # between seeds
 CENTERINGS = 8  # moving all to the middle pushes some against the border, and the mean off again, a little less
 # Multiples of such numbers cover the unit interval evenly, and pairs of them the unit square: the first two are best

@@ -30,7 +30,7 @@ from .freezing import refuse_freezing
 from .given_model import is_dog_shape
 from .instances import warn_of_instances
 from .properties import given
-from .samples import Sample, samples
+from .samples import MOST_PASSES, Sample, samples
 from .sensor import SensorReader, ViewPass
 from .several_passes import SeveralPasses, tangents
 from .surfaces import Surfaces
@@ -178,6 +178,8 @@ class SplatIntegrator(ADIntegrator):
         if spp == 0:
             averages = self.averages(scene) or sensor.needs_aperture_sample()
             spp = sensor.sampler().sample_count() if averages else 1
+        if spp > MOST_PASSES:
+            raise RuntimeError(f"{self.name}: spp is {spp}, it must be at most {MOST_PASSES}; average several renders")
         if spp > 1 and "index" in self.aovs:
             raise RuntimeError(f'{self.name}: the AOV "index" has no mean over {spp} samples per pixel; use spp=1')
         return samples(spp, int(seed[0] if dr.is_array_v(seed) else seed), self.first_pass)

@@ -266,6 +266,8 @@ def problem_of(scene: mi.Scene, **choices) -> str:
 def test_the_number_of_samples_is_none_below_zero_and_whole_and_a_seed_may_be_of_numpy():
     scene = scene_of(MODEL, CAMERA)
     assert problem_of(scene, spp=-1) == "dogsplat: spp is -1, it must not be negative; 0 asks for that of the sampler"
+    most = "it must be at most 262144; average several renders"
+    assert problem_of(scene, spp=99999999999) == f"dogsplat: spp is 99999999999, {most}"
     assert problem_of(scene, spp=2.5) == "dogsplat: spp is 2.5, it must be a whole number"  # as in C++
     assert problem_of(scene, spp=2.0) == "dogsplat: spp is 2.0, it must be a whole number"
     of_numpy, plain = (mi.render(scene, spp=3, seed=seed) for seed in cast("list[Any]", [np.uint32(5), 5]))
