@@ -11,12 +11,12 @@ noise of each pixel for its own.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..engine.parameters import device_array
 from .film import image_block
 from .samples import Sample
 
@@ -34,7 +34,7 @@ class Filter:
         self.film, self.filter = film, film.rfilter()
         extent = self.filter.radius()
         self._edges = np.linspace(-extent, extent, CELLS + 1)
-        middles: Any = mi.Float((self._edges[1:] + self._edges[:-1]) / 2)
+        middles = device_array((self._edges[1:] + self._edges[:-1]) / 2)  # aligned: other memory, other kernels
         self._values = np.array(self.filter.eval(middles), np.float64)
         self.sampled = self._values.min() >= 0 and (apart or self._width() <= 1 + EVEN)
         self.border = self.filter.border_size() if film.sample_border() and not self.sampled else 0
