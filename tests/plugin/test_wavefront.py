@@ -189,7 +189,7 @@ def test_pixels_draw_what_they_draw_alone():
 
 
 def test_large_pictures_and_large_models_are_traced_pass_by_pass():
-    most = wavefront.views_at_once(1, 1)
+    most = wavefront.RAYS[dr.backend_v(mi.Float) is dr.JitBackend.CUDA]
     assert wavefront.views_at_once(most // 4, 10) == 4
     assert wavefront.views_at_once(most + 1, 10) == wavefront.views_at_once(10, wavefront.PRIMITIVES) == 1
     assert wavefront.views_at_once(10, wavefront.PRIMITIVES // 3) == 3
