@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import signal
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -54,10 +54,10 @@ def local_options(workers: int) -> dict[str, Any]:
     return {"n_workers": workers, "threads_per_worker": 1, **without_dashboard}
 
 
-def on_cluster(tasks: Sequence[Task], means: Means, client: Any) -> Iterator[Outcome]:
+def on_cluster(tasks: Sequence[Task], means: Means, client: Any) -> Generator[Outcome, None, None]:
     """Outcomes in the order in which tasks end. Each is submitted as soon as those that it needs have ended.
 
-    After Ctrl-C, which is raised again, all that run save first what they have done.
+    After Ctrl-C, which is raised again, and where it is closed early, all that run save first what they have done.
     """
     from distributed import Event, as_completed, wait
 
@@ -74,20 +74,20 @@ def on_cluster(tasks: Sequence[Task], means: Means, client: Any) -> Iterator[Out
                 running[future.key] = task, future
                 ended.add(future)
 
-    submit_what_is_ready()
-    while running:
-        try:
-            future = next(ended)
-        except KeyboardInterrupt:
-            stop.set()
-            with suppress(TimeoutError):  # of workers that are gone themselves
-                wait([future for _, future in running.values()], timeout=SECONDS_TO_SAVE)
-            raise
-        task, _ = running.pop(future.key)
-        error = future.result() if future.status == "finished" else "its workers failed"
-        if future.status == "error":
-            error = f"its workers failed ({future.exception()})"
-        outcome = Outcome(task, error)
-        waiting[:] = still_possible(waiting, outcome)
+    try:
         submit_what_is_ready()
-        yield outcome
+        while running:
+            future = next(ended)
+            task, _ = running.pop(future.key)
+            error = future.result() if future.status == "finished" else "its workers failed"
+            if future.status == "error":
+                error = f"its workers failed ({future.exception()})"
+            outcome = Outcome(task, error)
+            waiting[:] = still_possible(waiting, outcome)
+            submit_what_is_ready()
+            yield outcome
+    except (KeyboardInterrupt, GeneratorExit):
+        stop.set()
+        with suppress(TimeoutError):  # of workers that are gone themselves
+            wait([future for _, future in running.values()], timeout=SECONDS_TO_SAVE)
+        raise

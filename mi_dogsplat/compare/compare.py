@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -89,11 +89,12 @@ def compare(
         threads = max(1, usable_cores() // workers) if workers and not cluster else 0
         means = Means(config.variant, threads, {name: getattr(config, name) for name in FREE})
         outcomes = on_cluster(tasks, means, client) if on_dask else one_after_another(tasks, means)
-        for number, outcome in enumerate(outcomes, 1):
-            if outcome.error:
-                failed[outcome.task.name] = outcome.error
-            _write(out, failed)
-            progress(f"{number}/{len(tasks)} {outcome.task.name}: {_result(outcome.task, outcome.error)}")
+        with closing(outcomes):  # while there is a client: Ctrl-C may come here, and what still runs saves first
+            for number, outcome in enumerate(outcomes, 1):
+                if outcome.error:
+                    failed[outcome.task.name] = outcome.error
+                _write(out, failed)
+                progress(f"{number}/{len(tasks)} {outcome.task.name}: {_result(outcome.task, outcome.error)}")
     return collect_all(out, failed)
 
 

@@ -8,7 +8,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -97,7 +97,7 @@ def _ask_to_stop(process: subprocess.Popen) -> None:
         process.stdin.flush()
 
 
-def one_after_another(tasks: Sequence[Task], means: Means) -> Iterator[Outcome]:
+def one_after_another(tasks: Sequence[Task], means: Means) -> Generator[Outcome, None, None]:
     """Here: with all cores for each, timings are those of an undisturbed run."""
     waiting = list(tasks)
     while waiting:

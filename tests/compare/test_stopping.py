@@ -7,10 +7,13 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from happenings import history_of
+from mi_dogsplat.compare.cluster import local_options
+from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import Means, in_a_process
 from mi_dogsplat.compare.tasks import Task
 from mi_dogsplat.runs.checkpoint import load_checkpoint
@@ -33,6 +36,25 @@ def trains(folder: Path) -> bool:
 
 def saved_step(folder: Path) -> int:
     return int(load_checkpoint(folder / "seed_0" / "start" / "checkpoint" / "state.npz")["step"])
+
+
+def saves_when_asked(task: Task, means: Means, asked) -> str | None:
+    """In place of a process: that of the first seed fails at once, and any other one has no end of its own."""
+    if task.seed == 0:
+        return "failed"
+    while not asked():
+        time.sleep(0.01)
+    (Path(task.folder) / "saved").touch()
+    return "stopped"
+
+
+@contextmanager
+def workers_in_threads(*_):
+    from distributed import Client, LocalCluster
+
+    with LocalCluster(**local_options(1) | {"threads_per_worker": 2}, processes=False) as cluster:
+        with Client(cluster) as client:
+            yield client
 
 
 @pytest.mark.slow
@@ -78,3 +100,18 @@ def test_a_task_of_a_worker_that_is_asked_to_stop_saves_first(data, tmp_path):
     )
     assert error == "stopped" and saved_step(tmp_path) >= history_of(tmp_path / "seed_0" / "start")[-1]["step"] >= 10
     assert not (tmp_path / "seed_0" / "start.log").exists()
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
+def test_runs_of_workers_save_first_if_tables_are_what_is_interrupted(data, tmp_path, monkeypatch, error):
+    def interrupted(line: str) -> None:
+        raise error
+
+    for name, value in {"compare.cluster_client": workers_in_threads, "cluster.in_a_process": saves_when_asked}.items():
+        monkeypatch.setattr(f"mi_dogsplat.compare.{name}", value)
+    monkeypatch.setattr("mi_dogsplat.compare.compare.all_tasks", lambda folders, seeds, *_: [
+        Task("start", str(folders[0]), seed) for seed in seeds])
+    config = TrainConfig("", preset="3dgs", steps=60)
+    with pytest.raises(error):
+        compare(config, [str(data)], tmp_path / "out", [0, 1], ("3dgs",), workers=2, progress=interrupted)
+    assert (tmp_path / "out" / data.name / "saved").exists()
