@@ -9,6 +9,7 @@ import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from happenings import history_of
@@ -52,7 +53,8 @@ def saves_when_asked(task: Task, means: Means, asked) -> str | None:
 def workers_in_threads(*_):
     from distributed import Client, LocalCluster
 
-    with LocalCluster(**local_options(1) | {"threads_per_worker": 2}, processes=False) as cluster:
+    options: dict[str, Any] = local_options(1) | {"threads_per_worker": 2, "processes": False}
+    with LocalCluster(**options) as cluster:
         with Client(cluster) as client:
             yield client
 
