@@ -63,7 +63,7 @@ def two_views() -> Any:
     ("other", "first", "how"),
     [
         (None, None, {"aovs": "denoising,depth"}),
-        (lens, 4, {"mesh_shadows": True, "hide_emitters": True}),
+        (lens, 4, {"hide_emitters": True}),
         (two_views, None, {"mesh_shadows": True}),
     ],
     ids=["pinhole", "lens", "batch"],
