@@ -15,7 +15,7 @@ from ..formats.read import read_model, require_primitives
 from ..render.picture_options import PictureOptions
 from ..render.viewpoint import viewpoint
 from ..support.cores import usable_cores
-from ..support.errors import DataError
+from ..support.errors import DataError, making
 from ..support.files import replacing, write_json
 from ..support.variants import require_arrays
 from ..support.versions import versions
@@ -70,10 +70,8 @@ def check(
         jobs["training"] = lambda: training
     if "stability" in parts:
         jobs["stability"] = lambda: stability.run(progress)
-    try:
+    with making(out):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
     report: dict[str, Any] = {"model_name": scene.name if scene else None, "machine": _machine(rounds)}
     report = _plain(report | {name: job() for name, job in jobs.items()})
     write_json(out / "check.json", report)

@@ -36,6 +36,16 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"dogsplat: {message}; see {self.prog} --help\n")
 
 
+class CommandParser(Parser):
+    """That of one command, which says itself what it does not know: its own help tells what it does."""
+
+    def parse_known_args(self, *args: Any, **options: Any) -> tuple[Any, list[str]]:
+        known, unknown = super().parse_known_args(*args, **options)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return known, unknown
+
+
 class Version(argparse.Action):
     """``--version``: looked up when it is asked for."""
 
@@ -55,7 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
     )
     parser.add_argument("--version", action=Version, nargs=0, help="versions of the package and of what it stands on")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=CommandParser)
     for name, command in COMMANDS.items():
         texts = {"help": command.SUMMARY, "description": command.run.__doc__, "epilog": command.EXAMPLES}
         command.add_arguments(commands.add_parser(name, **texts))

@@ -22,7 +22,7 @@ from ..datasets import load_dataset
 from ..datasets.masks import Masks
 from ..report.run_folder import CONFIG
 from ..support.cores import usable_cores
-from ..support.errors import DataError
+from ..support.errors import DataError, making
 from ..support.files import is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
 from ..support.wording import counted
@@ -143,7 +143,8 @@ def _check_folder(out: Path) -> None:
 @contextmanager
 def _locked(out: Path) -> Iterator[None]:
     """The folder is ours alone, without what killed processes left in it; runs look after theirs."""
-    out.mkdir(parents=True, exist_ok=True)
+    with making(out):
+        out.mkdir(parents=True, exist_ok=True)
     with locked(out, "another comparison is writing to it"):
         remove_parts(out, below=False)
         yield

@@ -16,7 +16,7 @@ from ..datasets.refined import require_photographs
 from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import CONFIG, HISTORY, METRICS, POSED, RECIPE
-from ..support.errors import DataError, undisguised
+from ..support.errors import DataError, making, undisguised
 from ..support.files import PART, is_empty, remove_parts, write_json
 from ..support.locks import locked
 from ..support.variants import require_arrays
@@ -40,12 +40,10 @@ def prepare_folder(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the run")
     ours = any((out / name).exists() for name in (CONFIG, METRICS, f"{POSED}/{POSES}"))
-    try:
+    with making(out):
         if out.is_dir() and not is_empty(out) and not ours:
             raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
 
 
 @contextmanager

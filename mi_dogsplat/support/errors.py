@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -66,6 +67,18 @@ def undisguised(function: Any) -> Iterator[Any]:
         if raised:
             raise raised[-1] from None
         raise
+
+
+@contextmanager
+def making(folder: Path) -> Iterator[None]:
+    """An ``OSError`` within is a ``DataError`` of a folder that cannot be made, or written."""
+    try:
+        yield
+    except OSError as error:
+        if folder.is_symlink() and not folder.exists():
+            problem = f"is a link to {os.readlink(folder)}, which is not there"
+            raise DataError(folder, problem, "make that folder, or name another") from None
+        raise DataError(folder, error.strerror or str(error), "name a folder that can be written") from None
 
 
 @contextmanager

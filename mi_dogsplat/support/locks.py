@@ -10,7 +10,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from .errors import DataError
+from .errors import DataError, making
 from .files import LOCK
 
 
@@ -22,13 +22,14 @@ def locked(folder: Path, problem: str) -> Iterator[None]:
     """
     path = folder / LOCK
     lock = FileLock(path, fallback_to_soft=False)
-    try:
-        lock.acquire(blocking=False)
-    except Timeout:
-        raise DataError(folder, problem, "wait for it, stop it, or name another") from None
-    except OSError as error:
-        if error.errno != errno.ENOSYS:  # of a file system without locks, where nobody can tell
-            raise DataError(folder, error.strerror or str(error), "name a folder that can be written") from None
+    with making(folder):
+        try:
+            lock.acquire(blocking=False)
+        except Timeout:
+            raise DataError(folder, problem, "wait for it, stop it, or name another") from None
+        except OSError as error:
+            if error.errno != errno.ENOSYS:  # of a file system without locks, where nobody can tell
+                raise
     try:
         yield
     finally:

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from .errors import DataError
+from .errors import DataError, making
 from .files import LITTER, is_empty, read_object, write_json
 
 
@@ -26,10 +26,8 @@ def begin(
         require_same(file, settings, free, before)
     elif out.is_dir() and not is_empty(out):
         raise DataError(out, "is a folder with other contents", f"name a new folder, or that of an earlier {kind}")
-    try:
+    with making(out):
         write_json(file, settings)
-    except OSError as error:
-        raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
 
 
 @contextmanager

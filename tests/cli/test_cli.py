@@ -35,6 +35,14 @@ def test_negative_numbers_of_any_notation_are_no_flags():
     assert build_parser().parse_args(["film", "a.ply", "-o", "b", "--elevation", "-1e1"]).elevation == -10
 
 
+@pytest.mark.parametrize("words", [["ablate", "a", "b", "-o", "c"], ["info", "a", "--frobnicate"]])
+def test_what_a_command_does_not_know_is_answered_with_its_own_help(words, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        build_parser().parse_args(words)
+    unknown = words[2]
+    assert capsys.readouterr().err == f"dogsplat: unrecognized arguments: {unknown}; see dogsplat {words[0]} --help\n"
+
+
 def test_train_then_info_render_and_eval_on_what_it_made(capsys, data, tmp_path):
     out = tmp_path / "run"
     status, printed, bar = run(capsys, "train", data, "-o", out, *SMALL)

@@ -5,6 +5,7 @@ import json
 import os
 
 import pytest
+from mi_dogsplat.runs.run import prepare_folder
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.files import is_empty, replacing, require_place, write_bytes, write_json
 from mi_dogsplat.support.resumable import begin
@@ -107,6 +108,14 @@ def test_links_that_lead_nowhere_are_refused_by_their_own_names_and_stay(tmp_pat
             with pytest.raises(DataError, match=rf"^{path}: cannot be written \("):
                 attempt(path)
     assert sorted(tmp_path.iterdir()) == sorted(paths) and all(path.is_symlink() for path in paths)
+
+
+def test_a_folder_that_is_a_link_to_nowhere_is_one_line_and_stays(tmp_path):
+    out = linked(tmp_path / "out", "unmounted/runs")
+    for attempt in (prepare_folder, lambda place: begin(place / "settings.json", {}, "film")):
+        with pytest.raises(DataError, match=f"^{out}: is a link to unmounted/runs, which is not there; make that"):
+            attempt(out)
+    assert list(tmp_path.iterdir()) == [out]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of POSIX")
