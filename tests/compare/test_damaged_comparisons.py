@@ -51,7 +51,8 @@ def test_a_run_at_another_target_ends_where_the_method_has_no_run_at_that_of_the
     (out / "tiny" / "seed_0" / "ours").rename(out / "tiny" / "seed_0" / "ours@0.1")
     told = []
     outcome = Outcome(Task("train", str(out / "tiny"), 0, ("ours@0.1",)), None)
-    monkeypatch.setattr("mi_dogsplat.compare.compare.one_after_another", lambda *_: [outcome])
+    outcomes = (one for one in [outcome])  # which can be closed
+    monkeypatch.setattr("mi_dogsplat.compare.compare.one_after_another", lambda *_: outcomes)
     monkeypatch.setattr("mi_dogsplat.compare.compare.claim", lambda *_: None)
     monkeypatch.setattr("mi_dogsplat.compare.compare.load_dataset", lambda *_, **__: Mock(test=[0]))
     compare(TrainConfig("", **SETTINGS), [str(out / "tiny")], out, [0], ("ours",), targets=(0.1,), progress=told.append)
