@@ -28,7 +28,7 @@ def joined(views: Sequence[Sequence[Any]]) -> list:
     """Planes of each view to planes of the wavefront, evaluated; constants."""
     if len(views) == 1:
         return list(views[0])
-    n = max(dr.width(plane) for plane in views[0])
+    n = max(dr.width(plane) for view in views for plane in view)  # a constant plane may have one value
     planes = [dr.empty(type(plane), len(views) * n) for plane in views[0]]
     for k, view in enumerate(views):
         lane = _lanes(k, n)

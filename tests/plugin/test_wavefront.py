@@ -195,6 +195,11 @@ def test_large_pictures_and_large_models_are_traced_pass_by_pass():
     assert wavefront.views_at_once(10, wavefront.PRIMITIVES // 3) == 3
 
 
+def test_a_view_of_constant_planes_is_joined_as_wide_as_the_others():
+    planes = wavefront.joined([[mi.Float(0)], [mi.Float([1, 2, 3])], [mi.Float(7)]])
+    np.testing.assert_array_equal(planes[0].numpy(), [0, 0, 0, 1, 2, 3, 7, 7, 7])
+
+
 @pytest.mark.parametrize("count", [1, 3])
 def test_what_is_joined_is_parted_again(count):
     views = [[mi.Float(np.arange(4) + 10 * k), mi.UInt32(np.arange(4) + k)] for k in range(count)]
