@@ -21,6 +21,7 @@ from ..flags import at_least_one
 from ..timing import medians
 
 SCENES = Path(__file__).parents[2] / "scenes"
+NAMES = "still_life_in_the_shade", "still_life_indoors", "still_life_in_the_light"
 SIZES = (24, 18), (80, 60), (160, 120), (320, 240)
 ON_A_GPU = (80, 60), (320, 240), (800, 600)
 
@@ -70,7 +71,7 @@ def _with_rays(rays: int, run: Callable[[Any, int], None], scene: Any, spp: int)
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks wavefronts", description=__doc__)
-    parser.add_argument("scene", nargs="?", default="still_life_in_the_shade", help="of scenes/ (default: %(default)s)")
+    parser.add_argument("scene", nargs="?", choices=NAMES, default=NAMES[0], help="of scenes/ (default: %(default)s)")
     most = "that are traced together at most (default: 1 and 2^16 to 2^19, on a GPU to 2^22)"
     parser.add_argument("--rays", type=at_least_one, nargs="+", help=most)
     parser.add_argument("--width", type=at_least_one, help="of the only picture (default: 24 to 320, on a GPU to 800)")

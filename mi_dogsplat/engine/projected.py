@@ -3,8 +3,8 @@
 Traced anew in each pass, it takes the host longer than a GPU takes for the kernels of a small model, or of one with
 much besides plain Gaussians. On the CPU kernels are longer, and the gradients, which would go through memory, stay in
 the kernel of the optimizer's step: there it is ``project`` itself, unless many passes are derived before that step,
-whose projections would all stay in its kernel. It is where numbers of the camera have derivatives, too, such as those
-of a sensor.
+as the projections of all of them would stay in its kernel. Where numbers of the camera have derivatives, such as those
+of a sensor, it is ``project`` on any backend.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def projected(
 ) -> Projection:
     """What ``project`` returns for the same arguments; differentiable likewise.
 
-    one_of_many: passes that are derived before anything is done with the gradients.
+    one_of_many: it is of one of many passes that are derived before anything is done with the gradients.
     """
     traced = (array_types().is_llvm and not one_of_many) or dr.grad_enabled(camera.anonymous())
     return (project if traced else replayed)(params, camera, sh_degree=sh_degree, antialiased=antialiased)

@@ -123,7 +123,7 @@ def rasterize(
         last: keeps the stages of this call.
         recall: take those that ``last`` has kept instead, if they are of the same inputs.
         stop_depth: [H*W], a primitive whose centre is deeper than this is not blended into a pixel (no derivative).
-        one_of_many: passes that are derived before anything is done with the gradients.
+        one_of_many: of many passes that are derived before anything is done with the gradients.
     """
     n_pixels = camera.width * camera.height
     if dr.width(params["logit_opacities"]) == 0 or n_pixels == 0:
@@ -131,8 +131,9 @@ def rasterize(
         depth, normal = nothing[0] if options.depth else None, nothing if options.normal else None
         return Frame(nothing, dr.full(mi.Float, 1, n_pixels), depth, normal)
 
-    how = {"sh_degree": options.sh_degree, "antialiased": options.antialiased, "one_of_many": one_of_many}
-    projection = projected(params, camera, **how)
+    projection = projected(
+        params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased, one_of_many=one_of_many
+    )
     if probe is not None:
         projection.x, projection.y = projection.x + probe[0], projection.y + probe[1]
     depth = [projection.depth] if options.depth or stop_depth is not None else []

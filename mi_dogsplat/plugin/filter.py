@@ -34,7 +34,7 @@ class Filter:
         self.film, self.filter = film, film.rfilter()
         extent = self.filter.radius()
         self._edges = np.linspace(-extent, extent, CELLS + 1)
-        middles = device_array((self._edges[1:] + self._edges[:-1]) / 2)  # aligned: other memory, other kernels
+        middles = device_array((self._edges[1:] + self._edges[:-1]) / 2)  # aligned, as kernels differ where it is not
         self._values = np.array(self.filter.eval(middles), np.float64)
         self.sampled = self._values.min() >= 0 and (apart or self._width() <= 1 + EVEN)
         self.border = self.filter.border_size() if film.sample_border() and not self.sampled else 0

@@ -39,11 +39,11 @@ class SeveralPasses:
         self._filter = Filter(self.film, self.apart)
         self._places = self._filter.places(self.passes)
 
-    def planes(self, on_pass: Callable[[int, int], None] | None = None, derivative: bool = False) -> list[mi.Float]:
+    def planes(self, on_pass: Callable[[int, int], None] | None) -> list[mi.Float]:
         """Means. ``on_pass`` is called after passes with the number of those that are done, and of all."""
         totals, done = [], 0
         for group in self._groups():
-            for sums in self._sums(group, derivative):
+            for sums in self._sums(group, derivative=False):
                 totals = _added(totals, sums)
             done += len(group)
             if on_pass:

@@ -151,13 +151,13 @@ class SplatIntegrator(ADIntegrator):
     def developed(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, derivative=False) -> Any:
         """The image of the film, attached to the AD graph where the parameters are.
 
-        ``derivative``: wanted for its graph only, after a primal pass; the film is left as it is.
+        ``derivative``: wanted for its graph only, of one pass, after a primal one; the film is left as it is.
         """
         passes, model = self._passes(scene, sensor, seed, spp), self._model(scene)
         if len(passes) == 1:
             (planes,) = self._images(scene, model, sensor, passes, derivative=derivative)
         else:
-            planes = self._several(scene, model, sensor, passes).planes(self.on_pass, derivative)
+            planes = self._several(scene, model, sensor, passes).planes(self.on_pass)
         return develop(sensor.film(), self.aov_names(), planes, derivative)
 
     def _several(
@@ -236,9 +236,10 @@ class SplatIntegrator(ADIntegrator):
         if self.masks:
             frame = self.masks.frame(drawn, seen)
         else:
-            many = derivative and view_pass.sample.number is not None
-            how = {"last": last, "recall": derivative and alone, "stop_depth": stop_depth, "one_of_many": many}
-            frame = rasterize(params, view_pass.camera, drawn.options, **how)
+            frame = rasterize(
+                params, view_pass.camera, drawn.options, last=last, recall=derivative and alone, stop_depth=stop_depth,
+                one_of_many=derivative and view_pass.sample.number is not None,
+            )  # fmt: skip
         return Splatted(drawn, frame, seen)
 
     def _colors(self, views: list[Splatted]) -> list[list]:
