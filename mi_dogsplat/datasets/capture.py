@@ -8,7 +8,6 @@ capture is no data set yet; the same command again goes on where it stopped, and
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import math
 from collections.abc import Callable
@@ -36,7 +35,8 @@ from .frame_cameras import intrinsics_of
 from .given_cameras import auto_up, listed_shots, sensor_shots
 from .images import read_image
 from .point_ply import write_point_ply
-from .scene_file import files_read, framing_sphere, load_scene, shows_splats, warn_of_unseen_splats
+from .scene_digests import scene_digests, sha256
+from .scene_file import framing_sphere, load_scene, shows_splats, warn_of_unseen_splats
 from .shared_points import told_by_several
 from .traced_view import as_srgb, depth_of, first_seen, render_shot
 
@@ -150,22 +150,10 @@ def _tests(config: CaptureConfig, n: int) -> set[int]:
 def _settings(scene_path: Path, config: CaptureConfig) -> dict[str, Any]:
     """What decides on the pictures: the flags, and the contents of the scene's file, of those that it includes or
     names, and of the list of cameras."""
-    texts, named = files_read(scene_path)
-    files = {"scene": texts} | ({"cameras": [Path(config.path)]} if config.path not in PATHS else {})
-    digests: dict[str, Any] = {f"{name}_sha256": _sha256(*parts) for name, parts in files.items()}
-    if named:
-        digests["files_sha256"] = {name: _sha256(file) for name, file in named.items()}
+    digests = scene_digests(scene_path)
+    if config.path not in PATHS:
+        digests["cameras_sha256"] = sha256(Path(config.path))
     return json.loads(json.dumps({"scene": str(scene_path), **digests, **dataclasses.asdict(config)}))
-
-
-def _sha256(*files: Path) -> str:
-    """The digest of what is in some files, one after the other."""
-    digest = hashlib.sha256()
-    for path in files:
-        with path.open("rb") as file:
-            while part := file.read(1 << 20):
-                digest.update(part)
-    return digest.hexdigest()
 
 
 def _image_name(shot: Shot, config: CaptureConfig) -> str:

@@ -35,7 +35,7 @@ def sensor_shots(path: Path, scene: Any, downscale: int) -> list[Shot]:
         try:
             if any(name.startswith("medium.") for name, _ in mi.traverse(sensor)):
                 raise ValueError("it stands in a medium, which a capture would leave out")
-            camera = _unmirrored(camera_from_mitsuba(sensor))
+            camera = unmirrored(camera_from_mitsuba(sensor))
         except ValueError as error:
             remedy = "only perspective sensors outside of media can be captured: change or remove it"
             problem = str(error).partition("; ")[0]  # what others are told to use is said here in other words
@@ -65,7 +65,8 @@ def shrunk(path: Path, camera: Camera, which: str, downscale: int) -> Camera:
         raise DataError(path, f"{which}: {error}", "choose a smaller downscale factor") from error
 
 
-def _unmirrored(camera: Camera) -> Camera:
+def unmirrored(camera: Camera) -> Camera:
+    """The camera whose picture is that of a mirrored one, mirrored; any other as it is."""
     if np.linalg.det(camera.w2c[:3, :3]) > 0:
         return camera
     w2c = np.diag([-1.0, 1.0, 1.0, 1.0]) @ camera.w2c
@@ -102,8 +103,9 @@ def _square(camera: Camera) -> Camera:
     return Camera(camera.w2c, focal, focal, camera.cx, camera.cy, camera.width, camera.height)
 
 
-def auto_up(scene: Any) -> str:
-    """The vertical of a scene as its first sensor has it: an axis across its picture's horizontal; ``z`` without one.
+def auto_up(scene: Any, number: int = 0) -> str:
+    """The vertical of a scene as the sensor of this ``number`` in its file has it: an axis across the horizontal of its
+    picture; ``z`` without one.
 
     A camera held level has its horizontal across the vertical, however steeply it looks down.
     """
@@ -111,7 +113,7 @@ def auto_up(scene: Any) -> str:
 
     if not scene.sensors():
         return "z"
-    to_world: Any = mi.traverse(scene.sensors()[0])
+    to_world: Any = mi.traverse(scene.sensors()[number])
     if "to_world" not in to_world:
         return "z"
     pose = np.array(to_world["to_world"].matrix, dtype=np.float64).reshape(4, 4)

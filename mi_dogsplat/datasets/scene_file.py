@@ -20,18 +20,21 @@ SURROUNDING = 4.0  # a floor or dome is so many times larger than all that is sm
 FLAT = 0.02  # thickness of a floor, times its diagonal
 
 
-def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
+def load_scene(
+    path: Path, hide_emitters: bool = False, defined: Mapping[str, str] | None = None
+) -> tuple[Any, bool]:
     """(scene, whether cameras see no lamps). A Mitsuba variant must be set. Raises ``DataError``.
 
-    ``hide_emitters`` sets that parameter of the scene's integrators, whatever the file says. Nothing is merged,
-    so that each shape of the file still has its own bounding box, and each sensor its name.
+    ``hide_emitters`` sets that parameter of the scene's integrators, whatever the file says; ``defined``: values of its
+    parameters by their names. Nothing is merged, so that each shape of the file still has its own bounding box, and
+    each sensor its name.
     """
     import mitsuba as mi
 
     config = _parser_config(path)
     config.merge_meshes = config.merge_equivalent = False
     with _finding_files(path):
-        state = mi.parser.parse_file(config, str(path))
+        state = mi.parser.parse_file(config, str(path), **(defined or {}))
         mi.parser.transform_all(config, state)
         integrators = [node.props for node in state.nodes if node.type == mi.ObjectType.Integrator]
         for properties in integrators if hide_emitters else ():
@@ -94,14 +97,15 @@ def warn_of_unseen_splats(path: Path, defined: Mapping[str, str] | None = None) 
         log(mi.LogLevel.Warn, f"{path}: {unseen} not seen; use the integrator dogsplat or dogpath")
 
 
-def files_read(path: Path) -> tuple[list[Path], dict[str, Path]]:
+def files_read(path: Path, defined: Mapping[str, str] | None = None) -> tuple[list[Path], dict[str, Path]]:
     """The XML files of a scene, its own and those that it includes, and by the names that it has for them, the files of
-    its textures, meshes and other plugins. It is read, not loaded. Raises ``DataError``."""
+    its textures, meshes and other plugins. It is read, not loaded. ``defined``: values of its parameters by their
+    names. Raises ``DataError``."""
     import mitsuba as mi
 
     config = _parser_config(path)
     with _finding_files(path) as folders:
-        state = mi.parser.parse_file(config, str(path))
+        state = mi.parser.parse_file(config, str(path), **(defined or {}))
         texts = {text for node in state.nodes for _, text in node.props.items() if isinstance(text, str)}
         found = {text: Path(str(folders.resolve(text))) for text in sorted(texts)}
     return [Path(str(file)) for file in state.files], {text: file for text, file in found.items() if file.is_file()}

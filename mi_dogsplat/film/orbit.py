@@ -59,10 +59,22 @@ def around_cameras(cameras: Sequence[Camera], up: np.ndarray, fov: float | None)
         least = NEAREST * max(1.0, float(np.linalg.norm(centre)))  # without a distance there is no direction
         sides = -_directions(cameras)
     distances = np.linalg.norm(positions - centre, axis=1)  # [V]
-    rises = np.degrees(np.arcsin(np.clip(_unit(sides) @ up, -1, 1)))
     focal = float(np.median([focal_of_camera(camera) for camera in cameras])) if fov is None else focal_of_fov(fov)
-    elevation = float(np.clip(np.median(rises), -LEVEL, LEVEL))
+    elevation = float(np.clip(np.median(_rises(sides, up)), -LEVEL, LEVEL))
     return Surroundings(centre, sides[0], up, max(least, float(np.median(distances))), elevation, focal)
+
+
+def around_camera(camera: Camera, centre: np.ndarray, up: np.ndarray, fov: float | None) -> Surroundings:
+    """The circle that one camera stands on, and begins with its picture: about the place in the middle of that, as far
+    away as ``centre`` [3] is. Where the camera looks away from there, about ``centre`` itself."""
+    ahead = camera.w2c[2, :3]
+    depth = float((centre - camera.position) @ ahead)
+    centre = camera.position + depth * ahead if depth > 0 else centre
+    side = camera.position - centre
+    distance = max(float(np.linalg.norm(side)), NEAREST * max(1.0, float(np.linalg.norm(centre))))
+    elevation = float(np.clip(_rises(side[None], up)[0], -LEVEL, LEVEL))
+    focal = focal_of_camera(camera) if fov is None else focal_of_fov(fov)
+    return Surroundings(centre, side, up, distance, elevation, focal)
 
 
 def orbit(around: Surroundings, config: FilmConfig) -> CameraPath:
@@ -103,6 +115,11 @@ def _look_inwards(cameras: Sequence[Camera]) -> bool:
 def _directions(cameras: Sequence[Camera]) -> np.ndarray:
     """Unit vectors [V, 3] along the optical axes."""
     return np.array([camera.w2c[2, :3] for camera in cameras])
+
+
+def _rises(sides: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """[V] degrees of directions [V, 3] above the horizon."""
+    return np.degrees(np.arcsin(np.clip(_unit(sides) @ up, -1, 1)))
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -12,12 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..support.errors import DataError
 from ..support.files import remove_parts
 from ..support.locks import locked
-from ..support.pictures import write_exr, write_png
 from ..support.resumable import begin
 
 SUFFIXES = (".png", ".exr")
@@ -29,7 +26,8 @@ NUMBER = re.compile(r"%(0\d)?d")
 class NumberedPictures:
     """The pictures of ``out``: a folder, or a name in one such as ``%04d.exr``. Raises ``DataError``.
 
-    ``in_folder``: it is a folder whatever its name, there already or not.
+    ``in_folder``: it is a folder whatever its name, there already or not. ``linear``: they are OpenEXR, in linear
+    light; others are PNG.
     """
 
     def __init__(self, out: Path, in_folder: bool = False):
@@ -41,7 +39,7 @@ class NumberedPictures:
             raise DataError(out, "is no film", remedy)
         if self.folder.exists() and not self.folder.is_dir():
             raise DataError(self.folder, "is a file", "name a folder for the pictures")
-        self.alpha = suffix == ".exr"
+        self.linear = suffix == ".exr"
 
     def file(self, number: int) -> Path:
         """That of a frame, counted from 0."""
@@ -61,10 +59,3 @@ class NumberedPictures:
     def has(self, number: int) -> bool:
         """Whether a frame is there; a picture appears whole or not at all."""
         return self.file(number).is_file()
-
-    def write(self, number: int, image: np.ndarray) -> None:
-        """One frame: [H, W, 3] to PNG, premultiplied [H, W, 4] to OpenEXR. Raises ``OSError``."""
-        if self.alpha:
-            write_exr(self.file(number), {"color": image})
-        else:
-            write_png(self.file(number), image)

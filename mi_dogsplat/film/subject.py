@@ -8,43 +8,36 @@ from typing import Any
 
 import numpy as np
 
-from ..datasets import load_dataset
-from ..datasets.dataset import counted_order
-from ..datasets.world import read_world
 from ..formats.model import Model
 from ..formats.read import read_model
 from ..render.framing import likely_up, near_clip_for
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL, read_run
-from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, DrawnAs, drawn_as
-from ..scene.orientation import up_of_cameras, up_vector
+from ..scene.orientation import up_vector
 from ..support.errors import DataError
+from .data_cameras import DataCameras, data_cameras
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The model, the cameras of its data in the order of their names (maybe none), and how it is drawn.
-
-    ``missing`` says of a run that its data are not there, ``said_up`` what is up by the data themselves.
-    """
+    """The model, the cameras of its ``data``, and how it is drawn. ``missing`` says of a run that its data are not
+    there."""
 
     model: Model
-    cameras: list[Camera]
+    data: DataCameras
     background: float
     drawn: DrawnAs
     missing: str = ""
-    said_up: str | None = None
 
     @property
     def up(self) -> np.ndarray:
         """The vertical [3]: as the model's file or its data say, as its photographs were held, or a guess."""
-        if said := self.model.drawing.up or self.said_up:
-            return up_vector(said)
-        if self.cameras:
-            return up_of_cameras(np.stack([camera.c2w for camera in self.cameras]))
-        return likely_up(self.model.splats)
+        if self.model.drawing.up:
+            return up_vector(self.model.drawing.up)
+        by_data = self.data.up
+        return likely_up(self.model.splats) if by_data is None else by_data
 
 
 def read_subject(model: Path, data: str | Path | None, options: PictureOptions) -> Subject:
@@ -66,12 +59,10 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
         if not model.is_file():
             raise DataError(model, "no such file", "give a run folder that is complete, or a model")
     read = read_model(model)
-    dataset = load_dataset(data, on_disk=True) if data else None
-    views = sorted(dataset.views, key=lambda view: counted_order(view.name)) if dataset else []
+    cameras = data_cameras(data)
     said_by_run = Drawing(trained.get("antialiased"), trained.get("near_clip"))
     drawn = drawn_as(options.drawing, said_by_run, read.drawing)
-    if not views:
+    if not cameras.cameras:
         drawn = replace(drawn, near_clip=near_clip_for(read.splats, drawn.near_clip, options.near_clip))
-    background = background_color(options.or_trained(trained).background, dataset is not None and dataset.has_alpha)
-    said_up = read_world(dataset.path).up if dataset else None
-    return Subject(read, [view.camera for view in views], background, drawn, missing, said_up)
+    background = background_color(options.or_trained(trained).background, cameras.has_alpha)
+    return Subject(read, cameras, background, drawn, missing)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-import mitsuba as mi
 import numpy as np
 
 from ..engine.aovs import read_names
@@ -14,13 +13,13 @@ from ..formats.read import read_model, require_primitives
 from ..scene.appearance import read_appearance
 from ..support.errors import DataError, writing
 from ..support.files import replacing, require_place
-from ..support.pictures import without_aovs, write_channels, write_exr, write_png
-from ..support.srgb import linear_to_srgb
+from ..support.pictures import write_channels, write_exr, write_png
 from ..support.variants import require_arrays, require_variant
 from .picture import Picture, as_taken, picture_of, premultiplied
 from .picture_memory import require_memory
 from .picture_options import PictureOptions
-from .scene_picture import picture_of_scene
+from .scene_picture import channels_of, picture_of_scene, shown
+from .scene_to_draw import SceneOptions
 from .viewpoint import viewpoint
 
 SUFFIXES = (".png", ".exr", ".npz")
@@ -93,8 +92,10 @@ def render_scene(
     also for what Mitsuba has to say about the scene.
 
     Args:
-        path, spp, on_pass, denoise, sensor, defined: as of ``picture_of_scene``.
+        path: the scene, .xml.
+        on_pass: as of ``SceneToDraw.rendered``.
         out: the picture.
+        spp, denoise, sensor, defined: as of ``SceneOptions``.
         drawing: entered while Mitsuba loads and draws, and left before the picture is written.
     """
     require_variant()
@@ -103,20 +104,16 @@ def render_scene(
     if out.suffix.lower() == ".npz":
         raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
     require_place(out)
+    options = SceneOptions(spp, denoise, sensor, defined)
     with drawing or nullcontext():
-        bitmap = picture_of_scene(path, spp, on_pass, denoise, sensor, defined, out.suffix.lower())
+        bitmap = picture_of_scene(path, options, on_pass, out.suffix.lower())
     if out.suffix.lower() == ".exr":
-        planes = np.array(bitmap).reshape(bitmap.height(), bitmap.width(), -1)  # [H, W, channels]
-        named = {field.name: planes[..., k] for k, field in enumerate(bitmap.struct_())}
         with writing(out):
-            write_channels(out, named)
+            write_channels(out, channels_of(bitmap))
         return
-    rgb = without_aovs(bitmap).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
-    linear = np.array(rgb)  # [H, W, 3]
-    if np.isnan(linear).any():
-        raise DataError(path, "its render holds NaN", "correct the scene, or write .exr to see where they are")
+    image = shown(bitmap, path)
     with writing(out):
-        write_png(out, linear_to_srgb(linear))
+        write_png(out, image)
 
 
 def require_suffix(out: Path) -> None:

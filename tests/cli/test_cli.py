@@ -217,7 +217,7 @@ def test_the_version_names_what_results_depend_on(capsys):
 def test_argparse_stops_at_the_command_line():
     package = Path(__file__).parents[2] / "mi_dogsplat"
     found = {path.relative_to(package) for path in package.rglob("*.py") if "argparse" in path.read_text("utf-8")}
-    shared = {Path("cli/parser.py"), Path("cli/flags.py"), Path("demo/__main__.py")}
+    shared = {Path("cli/parser.py"), Path("cli/flags.py"), Path("cli/scene_flags.py"), Path("demo/__main__.py")}
     assert found == shared | {Path(f"cli/commands/{name}.py") for name in ("__init__", *COMMANDS)}
 
 

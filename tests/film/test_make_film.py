@@ -214,7 +214,7 @@ def test_a_disk_that_is_full_in_the_middle_of_a_video_is_one_line(model, tmp_pat
     def full(*_):
         raise error.OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as its encoder does
 
-    monkeypatch.setattr("mi_dogsplat.film.make.exposed", full)
+    monkeypatch.setattr("mi_dogsplat.film.model_frames.exposed", full)
     command = ["film", model, "-o", tmp_path / "film.mp4", "--seconds", "0.1", "--size", "64", "64"]
     assert_one_line(run(capsys, *command), f"{tmp_path / 'film.mp4'}: cannot be written (No space left on device)")
     assert not list(tmp_path.iterdir())

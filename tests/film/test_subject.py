@@ -64,7 +64,7 @@ def test_photographs_are_followed_as_one_counts(model, data, tmp_path):
         frame["file_path"] = f"{name}.png"
     del content["ply_file_path"]
     (tmp_path / "transforms.json").write_text(json.dumps(content))
-    found = [camera.position for camera in read_subject(model, tmp_path, PictureOptions()).cameras]
+    found = [camera.position for camera in read_subject(model, tmp_path, PictureOptions()).data.cameras]
     np.testing.assert_allclose(found, [camera.position for camera in tiny_data.cameras()], atol=1e-6)
 
 

@@ -42,7 +42,7 @@ def test_a_scene_whose_film_is_too_large_is_named(capsys, tmp_path, monkeypatch)
 
 
 def test_a_film_whose_frames_are_too_large_names_size(capsys, model, tmp_path, monkeypatch):
-    monkeypatch.setattr("mi_dogsplat.film.make.picture_of", not_drawn)
+    monkeypatch.setattr("mi_dogsplat.film.model_frames.picture_of", not_drawn)
     result = run(capsys, "film", model, "-o", tmp_path / "frames", "--size", 16000, 16000, "--seconds", 0.1)
     assert_one_line(result, "pixels would take", "smaller by --size")
     assert not (tmp_path / "frames").exists()

@@ -11,8 +11,10 @@ from ...support.variants import set_variant
 from ...support.wording import counted
 from ...training.config import TrainConfig
 from ..flags import MODEL_HELP, OF_RUN, add_settings, given_settings
+from ..scene_flags import add_scene_flags, is_scene, require_no_scene_flags, scene_options
 
-SUMMARY = "a model along a camera path, to a video or pictures"
+SUMMARY = "a model or Mitsuba scene along a camera path, to a video or pictures"
+OF_MODELS = "background", "antialiased", "near_clip", "linear", "white"
 EXAMPLES = """
 Examples:
   dogsplat film run/ -o film.mp4                                  what suits the data of the run
@@ -23,6 +25,9 @@ Examples:
                                                                   through key frames, with motion blur
   dogsplat film run/point_cloud.ply -o frames/                    numbered pictures, frames/0000.png and on
   dogsplat film run/point_cloud.ply -o frames_exr/%04d.exr        linear colour with alpha, for compositing
+  dogsplat film lit.xml -o lit.mp4 --spp 16 --denoise             a Mitsuba scene, around what its sensor sees
+  dogsplat film scene.xml -o filmed/ --path keys.json -D radius=2
+                                                                  through key frames; "$radius" is 2
 
 Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...],
 "loop": false, "up": [0, 0, 1]}, or a list of camera files (docs/film.md). A film that is stopped leaves no
@@ -32,26 +37,33 @@ file; of numbered pictures the whole ones stay, and the same command goes on aft
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    parser.add_argument("model", type=Path, metavar="MODEL_or_RUN", help=f"{MODEL_HELP}; or run folder")
+    what = f"{MODEL_HELP}; run folder; or Mitsuba scene .xml"
+    parser.add_argument("model", type=Path, metavar="MODEL_RUN_or_SCENE", help=what)
     # no path, which would forget the slash at the end of a folder
     parser.add_argument("-o", "--out", required=True, metavar="OUT", help=".mp4, FOLDER/, FOLDER/%%04d.exr")
     parser.add_argument(
         "--data", metavar="DATA", help="data set whose cameras the path follows (default: that of the run)"
     )
     add_settings(parser, FilmConfig)
-    add_settings(parser, PictureOptions, ["background", "antialiased", "near_clip", "linear", "white"], OF_RUN)
+    add_scene_flags(parser)
+    add_settings(parser, PictureOptions, list(OF_MODELS), OF_RUN)
     add_settings(parser, TrainConfig, ["variant"])
 
 
 def run(args: argparse.Namespace) -> None:
-    """Render a film of a model along a camera path, to a video or to numbered pictures."""
+    """Render a film of a model or Mitsuba scene along a camera path, to a video or to numbered pictures."""
     config, options = given_settings(FilmConfig, args), given_settings(PictureOptions, args)
     set_variant(args.variant)
-    from ...film.make import make_film
+    from ...film.make import make_film, make_scene_film
     from ..progress import Bar
 
     with Bar("frame") as bar:
-        made = make_film(args.model, args.out, args.data, config, options, bar.show)
+        if is_scene(args.model):
+            drawn = scene_options(args, OF_MODELS)
+            made = make_scene_film(args.model, args.out, args.data, config, drawn, bar.show)
+        else:
+            require_no_scene_flags(args)
+            made = make_film(args.model, args.out, args.data, config, options, bar.show)
     width, height = made.size
     frames = f"{counted(made.n_frames, 'frame')} of {width} x {height}, {made.n_frames / config.fps:.4g} s"
     print(f"{args.out}: {frames}; {made.path}")

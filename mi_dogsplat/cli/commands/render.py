@@ -14,6 +14,7 @@ from ...support.errors import DataError
 from ...support.variants import set_variant
 from ..flags import MODEL_HELP, add_picture_flags, add_view_flags, given_settings
 from ..progress import Bar
+from ..scene_flags import add_scene_flags, is_scene, require_no_scene_flags, scene_options
 
 SUMMARY = "a model or Mitsuba scene to a picture"
 OF_MODELS = "data", "camera", "appearance", *(field.name for field in fields(PictureOptions))
@@ -50,18 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--appearance", type=Path, metavar="JSON", help="appearance.json of a run: exposure and vignetting of the view"
     )
-    parser.add_argument(
-        "--spp", type=int, default=0, metavar="N", help="samples per pixel of a scene (default: 0, as the scene says)"
-    )
-    parser.add_argument(
-        "-s", "--sensor", type=int, default=0, metavar="N", help="which sensor of a scene, from 0 (default: 0)"
-    )
-    parser.add_argument(
-        "-D", "--define", action="append", default=[], metavar="NAME=VALUE", help="a parameter, $NAME, of a scene"
-    )
-    parser.add_argument(
-        "--denoise", action="store_true", help="smooth the noise of a scene's light paths (Open Image Denoise)"
-    )
+    add_scene_flags(parser)
     add_picture_flags(parser)
 
 
@@ -71,38 +61,21 @@ def run(args: argparse.Namespace) -> None:
     set_variant(args.variant)
     from ...render.render_files import render_model, render_scene
 
-    if args.model.suffix.lower() == ".xml":
+    if is_scene(args.model):
         if args.aovs is not None:
             raise DataError("--aovs", "a scene names its own", 'set the property "aovs" of its integrator')
-        for name in OF_MODELS:
-            if getattr(args, name) != getattr(PictureOptions(), name, None):
-                flag = f"--{name.replace('_', '-')}"
-                raise DataError(flag, "is for models: a scene says by itself what is drawn, and how", "leave it out")
+        drawn = scene_options(args, OF_MODELS)
         # what Mitsuba renders in one piece lets no handler of Python begin: signals end it at once, without a line
         drawing = signals_to(signal.SIG_DFL, *stop_signals())
-        defined = dict(_definition(text) for text in args.define)
         with _bar() as bar:
             on_pass = bar.show if bar else None
-            render_scene(args.model, args.out, args.spp, on_pass, drawing, args.denoise, args.sensor, defined)
+            render_scene(
+                args.model, args.out, drawn.spp, on_pass, drawing, drawn.denoise, drawn.sensor, drawn.defined
+            )
     else:
-        if args.spp:
-            raise DataError("--spp", "a model alone is drawn with one sample", "make a scene .xml for more")
-        if args.denoise:
-            raise DataError("--denoise", "a model alone has no noise", "leave it out")
-        if args.sensor:
-            raise DataError("--sensor", "a model alone has none", "choose a view by --camera")
-        if args.define:
-            raise DataError("--define", "is for parameters of a scene", "leave it out")
+        require_no_scene_flags(args)
         render_model(args.model, args.out, args.data, args.camera, args.aovs, options, args.appearance)
     print(args.out)
-
-
-def _definition(text: str) -> tuple[str, str]:
-    """(name, value) of ``NAME=VALUE``."""
-    name, equals, value = text.partition("=")
-    if not (name and equals):
-        raise DataError("--define", f'"{text}" is no NAME=VALUE', "give one, as -D spp=16")
-    return name, value
 
 
 def _bar() -> AbstractContextManager[Bar | None]:
