@@ -11,7 +11,10 @@ EXPERIMENTS = {
         *("scene_scale", "second_order", "simplify", "stretched"),
     ),
     "poses": ("poses", "refine_poses", "up"),
-    "tracing": ("denoising", "dogpath", "indoors", "mesh_shadows", "rays", "shade", "splat_lamps", "wavefronts"),
+    "tracing": (
+        *("denoising", "dogpath", "flicker", "indoors", "mesh_shadows", "rays", "shade", "splat_lamps"),
+        "wavefronts",
+    ),
 }
 """Room to the experiments in it."""
 

@@ -15,6 +15,7 @@ import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -110,8 +111,8 @@ def _check_arguments(
             raise DataError(flag, "is empty", "give at least one")
     if unknown := [name for name in methods if name not in METHODS]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(METHODS)}")
-    if broken := [seed for seed in seeds if int(seed) != seed]:
-        raise DataError("--seeds", f"{broken[0]} is no whole number", "use 0, 1, 2 and so on")
+    if broken := [seed for seed in seeds if not isinstance(seed, Integral)]:
+        raise DataError("--seeds", f"{broken[0]!r} is no whole number", "use 0, 1, 2 and so on")
     if min(seeds) < 0:
         raise DataError("--seeds", f"{min(seeds)} is out of range", "use at least 0")
     if workers < 0:

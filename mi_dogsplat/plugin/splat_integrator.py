@@ -182,7 +182,10 @@ class SplatIntegrator(ADIntegrator):
             raise RuntimeError(f"{self.name}: spp is {spp}, it must be at most {MOST_PASSES}; average several renders")
         if spp > 1 and "index" in self.aovs:
             raise RuntimeError(f'{self.name}: the AOV "index" has no mean over {spp} samples per pixel; use spp=1')
-        return samples(spp, int(seed[0] if dr.is_array_v(seed) else seed), self.first_pass)
+        number = int(seed[0] if dr.is_array_v(seed) else seed)
+        if number < 0:
+            raise RuntimeError(f"{self.name}: seed is {number}, it must not be negative")
+        return samples(spp, number, self.first_pass)
 
     def _images(
         self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, passes: list[Sample], border: int = 0,

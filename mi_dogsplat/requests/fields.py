@@ -44,7 +44,7 @@ KINDS = {
     "indirect_only": NUMBERS,
     "passes": Kind("a list of names", _list_of(lambda value: isinstance(value, str))),
     "samples": Kind("a whole number of at least 0", lambda value: _is_whole(value) and value >= 0),
-    "max_depth": Kind("a whole number of at least 1", lambda value: _is_whole(value) and value >= 1),
+    "max_depth": Kind("a whole number from 1 to 2147483647", lambda value: _is_whole(value) and 1 <= value < 2**31),
     "seed": Kind("a whole number from 0 to 4294967295", lambda value: _is_whole(value) and 0 <= value < 2**32),
     "transparent": SWITCH,
     "hide_lamps": SWITCH,

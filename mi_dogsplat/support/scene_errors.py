@@ -46,7 +46,8 @@ def scene_error(path: Path, error: BaseException, problem: str, remedy: str = "c
     if (found := _PLUGIN.match(said)) and found["type"] in PLUGINS:
         said = said[found.end() :]
     if found := _UNDEFINED.match(said):
-        remedy = f'give it a value by <default name="{found["name"]}" value="…"/>, or by the flag -D of dogsplat render'
+        by_default = f'<default name="{found["name"]}" value="…"/>'
+        remedy = f"give it a value by {by_default}, or by the flag -D of dogsplat render or film"
     if not said.startswith(tuple(f"{name}: " for name in PLUGINS)):
         return DataError(path, f"{place}{problem} ({said})", remedy)
     said = re.sub(rf"^\w+: {re.escape(str(path))}: ", "", said)  # a model alone is named once

@@ -60,6 +60,7 @@ def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(com
         ({"data": "nowhere"}, 'DATA: is "nowhere"; give a list, of one where it is the only one'),
         ({"methods": "ours"}, '--only: is "ours"; give a list'),
         ({"seeds": [0.5]}, "--seeds: 0.5 is no whole number; use 0, 1, 2 and so on"),
+        ({"seeds": ["a"]}, "--seeds: 'a' is no whole number; use 0, 1, 2 and so on"),
         ({"methods": ["magic"]}, '--only: "magic" is unknown; use 3dgs, '),
         ({"seeds": [0, -1]}, "--seeds: -1 is out of range"),
         ({"workers": -1}, "--workers: -1 is out of range"),

@@ -265,6 +265,8 @@ def problem_of(scene: mi.Scene, **choices) -> str:
 
 def test_the_number_of_samples_is_none_below_zero_and_whole_and_a_seed_may_be_of_numpy():
     scene = scene_of(MODEL, CAMERA)
+    with pytest.raises(RuntimeError, match="dogsplat: seed is -1, it must not be negative"):
+        scene.integrator().render(scene, seed=cast("Any", -1), spp=2)  # ``mi.render`` takes no such one
     assert problem_of(scene, spp=-1) == "dogsplat: spp is -1, it must not be negative; 0 asks for that of the sampler"
     most = "it must be at most 262144; average several renders"
     assert problem_of(scene, spp=99999999999) == f"dogsplat: spp is 99999999999, {most}"

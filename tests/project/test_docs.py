@@ -41,7 +41,7 @@ SHORT = {
     "prune": {"--steps": "4"},
     "render": {"--spp": "1"},
     "simplify": {"--steps": "4", "--views": "4", "--size": "24 18"},
-    "film": {"--seconds": "0.2", "--fps": "10", "--size": "32 24", "--samples": "2"},
+    "film": {"--seconds": "0.2", "--fps": "10", "--size": "32 24", "--samples": "2", "--spp": "1"},
     "capture": {"--spp": "1", "--views": "4", "--test": "1", "--size": "24 18", "--points": "100"},
 }
 # what stands before an export in a program, as in ``folder``; the program itself has imported all that it needs
@@ -94,7 +94,7 @@ def shortened(argv: list[str]) -> list[str]:
     for flag, value in SHORT.get(argv[0], {}).items():
         if flag == "--samples" and "--shutter" not in argv:  # it is for motion blur alone
             continue
-        if argv[0] == "render" and flag not in argv:  # a model has no samples
+        if flag == "--spp" and argv[0] != "capture" and flag not in argv:  # a model has no samples
             continue
         if argv[0] == "capture" and flag in ("--views", "--test", "--size") and set(argv) & set(CAPTURED):
             continue

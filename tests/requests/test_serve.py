@@ -281,7 +281,8 @@ def test_a_picture_that_does_not_fit_leaves_nothing(folder, tmp_path, monkeypatc
     [
         {"seed": -1}, {"seed": 1.5}, {"seed": "a"}, {"seed": 2**33}, {"near_clip": [1]}, {"near_clip": -1},
         {"samples": float("nan")}, {"samples": 1.5}, {"samples": True}, {"samples": "3"}, {"samples": 0},
-        {"max_depth": 2.5}, {"antialiased": "x"}, {"counts": [-1]}, {"counts": 3}, {"passes": "depth"}, {"model": 3},
+        {"max_depth": 2.5}, {"max_depth": 2**31}, {"antialiased": "x"}, {"counts": [-1]}, {"counts": 3},
+        {"passes": "depth"}, {"model": 3},
     ],
     ids=json.dumps,
 )  # fmt: skip

@@ -54,7 +54,7 @@ def test_rendering_a_scene_that_is_wrong_says_so_in_one_line(written, tmp_path, 
     ('\n<shape>', 'line 2: Mitsuba cannot load it (Start-end tags mismatch); correct the scene'),
     ('\n<shape type="sphere"><float name="radius" value="$r"/></shape>',
      'line 2: Mitsuba cannot load it (undefined parameter: $r); give it a value by <default name="r" value="…"/>, or '
-     "by the flag -D of dogsplat render"),
+     "by the flag -D of dogsplat render or film"),
 ])  # fmt: skip
 def test_what_is_wrong_in_an_included_file_names_that_file_and_its_line(written, included, line):
     path = written(shape='<include filename="more.xml"/>')
