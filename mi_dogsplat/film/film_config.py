@@ -9,11 +9,11 @@ from ..support.settings import Setting, check_settings, refuse
 
 PATHS = ("auto", "orbit", "cameras")
 ONLY_FOR = {"elevation": "orbit", "zoom": "orbit", "smoothing": "cameras"}  # flags of one path
-PATH = "orbit, cameras (those of the data, smoothed), a JSON file of key frames, or auto: what suits the data"
+PATH = "orbit, cameras (of the data or scene, smoothed), a JSON file of key frames, or auto: what suits the data"
 SECONDS = "length of the film (default: 10, or what the key frames say)"
 SIZE = "width and height in pixels (default: 1280 720, or as the cameras have it)"
 FOV = "field of view of the shorter side, in degrees (default: 40, or that of the cameras)"
-ELEVATION = "of an orbit above the horizon, in degrees (default: 25, or as the photographs were taken)"
+ELEVATION = "of an orbit above the horizon, in degrees (default: 25, or as the cameras stand)"
 SMOOTHING = "of --path cameras: standard deviation, in cameras; at 0 the path leads through each"
 
 
