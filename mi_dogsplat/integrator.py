@@ -35,8 +35,8 @@ class DogSplatIntegrator(SplatIntegrator):
 
      * - near_clip
        - |float|
-       - Primitives whose centre is nearer than this to the camera plane are dropped. (Default: as the files of the
-         shapes say, else 0.2, as in 3DGS)
+       - Primitives whose centre is nearer than this to the camera plane are dropped, in world units. (Default: as the
+         files of the shapes say, else 0.2, as in 3DGS)
 
      * - hide_emitters
        - |bool|

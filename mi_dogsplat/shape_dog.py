@@ -34,11 +34,13 @@ class DogShape(mi.Mesh):
        - Model: PLY (with an element ``dog`` for DoG primitives, ``slopes`` and ``curvatures`` for colours that vary
          over their primitive, ``cuts`` for planes that cut some off, ``second_cuts`` for second ones, and ``shifts``
          for places that depend on the view), compressed PLY, SPZ, SOG, glTF or .splat. The integrator draws it as its
-         file says, unless it is told otherwise.
+         file says, unless the shape or the integrator is told otherwise.
 
      * - means, log_scales, quats, logit_opacities, sh_coeffs
        - |tensor|
-       - Raw parameters instead of a file: [N, 3], [N, 3], [N, 4] (x, y, z, w), [N], [N, K, 3] with K = (degree + 1)².
+       - Raw parameters instead of a file: centres [N, 3] and logarithms of standard deviations [N, 3] in world units,
+         quaternions [N, 4] (x, y, z, w; of any length but zero), logits of opacities [N], and SH coefficients
+         [N, K, 3] with K = (degree + 1)².
        - |exposed|, |differentiable|
 
      * - dog_index, dog_logit_opacities, dog_log_scales
@@ -92,7 +94,7 @@ class DogShape(mi.Mesh):
 
      * - antialiased, near_clip, linear, white
        - |bool|, |float|, |bool|, |float|
-       - How the model is drawn, before what its file says (docs/export.md): opacities make up for the screen-space
+       - How the model is drawn, in place of what its file says (docs/export.md): opacities make up for the screen-space
          low-pass filter; primitives nearer to the camera plane are dropped, in units of the model; colours are linear
          radiance; the radiance that a screen shows as white. The integrator's own parameters come first. (Default: as
          the file says)
@@ -105,13 +107,15 @@ class DogShape(mi.Mesh):
          (Default: identity)
        - |exposed|, |differentiable|
 
-    A DoG primitive is the difference of its Gaussian and a wider or narrower *pseudo-Gaussian* with the same centre,
-    orientation and colour, however it varies, opacity f_a·a and scales F·s (method paper, Sec. 3.3). Each cut takes the
-    same share of both.
+    A DoG primitive is the difference of its Gaussian, of opacity a and scales s, and a wider or narrower
+    *pseudo-Gaussian* with the same centre, orientation and colour, also where that varies, of opacity f_a·a and scales
+    F·s (arXiv 2602.24136, Sec. 3.3). Each cut takes the same share of both.
 
-    The shape has no surface: rays do not meet it. Render it with the ``dogsplat`` integrator. The number of primitives
-    may change through ``params.update()``. ``bbox()`` of the shape is the box of its centres, and does not count in
-    ``bbox()`` of the scene, for which Mitsuba asks no shape that is written in Python.
+    The shape has no surface: rays do not meet it. Render it with the integrator ``dogsplat`` or ``dogpath``. The number
+    of primitives may change through ``params.update()``. What does not fit raises a ``RuntimeError`` that names it: a
+    file that is no model, tensors whose shapes do not agree, a ``to_world`` that flattens. ``bbox()`` of the shape is
+    the box of its centres, and does not count in ``bbox()`` of the scene, for which Mitsuba asks no shape that is
+    written in Python.
 
     .. code-block:: python
 

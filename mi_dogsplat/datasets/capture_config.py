@@ -14,9 +14,12 @@ DEPTHS = ("none", "exr", "npy")
 ELEVATIONS = {"orbit": (12.0, 65.0), "hemisphere": (0.0, 90.0)}
 CIRCLING_ONLY = ("views", "size", "fov", "up", "elevations", "zoom", "center", "radius")
 CAMERAS = "orbit, hemisphere, sensors (the scene's own), or a JSON file of cameras"
-TESTS = "test views, spread evenly (default: a sixth as many; of sensors or a file every 8th, as training has it at 0)"
+TESTS = (
+    "test views, spread evenly; at 0 none is named, and training takes every 8th (default: a sixth as many; of sensors "
+    "or a file every 8th)"
+)
 VERTICAL = "vertical axis: x, y, z, -x, -y, -z (as --up=-y), or auto: that of the scene's first sensor"
-BAND = "lowest and highest, degrees (default: orbit 12 65, hemisphere 0 90)"
+BAND = "lowest and highest elevation of cameras, in degrees (default: orbit 12 65, hemisphere 0 90)"
 CENTER = "what an orbit looks at (default: the middle of the shapes)"
 ALPHA = "transparent background; lamps and environment are hidden from the cameras"
 HDR = "write linear radiance as OpenEXR (half floats), for a model that is linear"
@@ -46,7 +49,7 @@ class CaptureConfig:
     ] = 1.0
     center: Annotated[tuple[float, float, float] | None, Setting(CENTER, "X Y Z")] = None
     radius: Annotated[
-        float | None, Setting("of the sphere to frame (default: that around the shapes)", "R", least=1e-30, most=1e30)
+        float | None, Setting("radius of what to frame (default: that of the shapes)", "R", least=1e-30, most=1e30)
     ] = None
     downscale: Annotated[int, Setting("divide the size of sensors or of a file's cameras by this", "K", least=1)] = 1
     alpha: Annotated[bool, Setting(ALPHA)] = False

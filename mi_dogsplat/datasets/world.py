@@ -25,10 +25,10 @@ from .dataset import Dataset
 
 FILE = "world.json"
 UP = "what is up: x, y, z, -x, -y, -z (as --up=-y), or a direction X,Y,Z (default: what is known, or can be found)"
-LENGTH = "metres between two places of the data: each is an image, or a point in one, IMAGE:X,Y in pixels"
+LENGTH = "metres between two places of the data: where an image was taken, or a point in one, IMAGE:X,Y in pixels"
 Up = Annotated[str | None, Setting(UP, "AXIS")]
 Length = Annotated[tuple[str, str, str] | None, Setting(LENGTH, "A B METRES")]
-Unit = Annotated[float | None, Setting("metres of a unit, where you know them", "METRES", 1e-12, 1e12)]
+Unit = Annotated[float | None, Setting("how long a unit is, where you know it", "METRES", 1e-12, 1e12)]
 
 
 def check_world(up: str | None, scale: tuple[str, str, str] | None, unit: float | None = None) -> None:

@@ -11,14 +11,14 @@ from ..support.settings import Setting, check_settings, refuse
 BOX = "keep what is within a box: its lowest and its highest corner"
 SPHERE = "keep what is within a sphere: its centre and radius"
 MIN_OPACITY = "take out primitives of a lower opacity"
-MAX_SCALE = "take out primitives with a larger scale, in world units"
-CONNECTED = "keep the N largest parts that hang together"
+MAX_SCALE = "take out primitives with a larger scale, in units of the model"
+CONNECTED = "keep the N connected parts that have most primitives"
 SEEN = "take out what no training view of --data sees"
 MASKS = "keep what masks of the training views of --data show in white"
 FLOATERS = "take out what floats in space that the training views of --data look through"
 MIXED_SH = (
     "let each primitive have the SH degree that it needs, where that makes the file smaller; "
-    "other programs do not read it"
+    "other programs show such a file without its view-dependent colour"
 )
 
 

@@ -11,10 +11,10 @@ from ..training.strategy.scheduler import target_count
 from ..training.target import checked_target, target_bytes
 
 TARGET = "primitives that are left: a ratio (0.1, 10%) or a count (20000)"
-STEPS = "of the fit to renders of the model; 0: merge alone, which takes seconds"
+STEPS = "steps of the fit to renders of the model; 0: merge alone, which takes seconds"
 VIEWS = "renders to fit to, from around the model and from within"
 SIZE = "width and height of these renders, in pixels; every third is twice as wide and high"
-INSIDE = "share of these views from free places within the model; 1 for a room"
+INSIDE = "share of these renders that is from free places within the model; 1 for a room"
 DOG = "end with Differences of Gaussians, fitted in the second half of the steps"
 
 

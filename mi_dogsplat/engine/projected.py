@@ -28,7 +28,7 @@ def projected(
 ) -> Projection:
     """What ``project`` returns for the same arguments; differentiable likewise.
 
-    one_of_many: it is of one of many passes that are derived before anything is done with the gradients.
+    one_of_many: this is one of many passes of which all are differentiated before their gradients are used.
     """
     traced = (array_types().is_llvm and not one_of_many) or dr.grad_enabled(camera.anonymous())
     return (project if traced else replayed)(params, camera, sh_degree=sh_degree, antialiased=antialiased)

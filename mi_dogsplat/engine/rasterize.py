@@ -36,7 +36,7 @@ class Frame:
 
     colors: list  # 3 planes, without background
     T: mi.Float  # transmittance left for the background
-    depth: mi.Float | None  # Σ depth α T
+    depth: mi.Float | None  # Σ depth α T, world units along the optical axis
     normal: list | None  # Σ normal α T, 3 planes, world space
     projection: Projection | None = None  # None when there was nothing to project
     view: WalkableView | None = None  # what was walked, for other walks
@@ -112,18 +112,18 @@ def rasterize(
     stop_depth: mi.Float | None = None,
     one_of_many: bool = False,
 ) -> Frame:
-    """Splat primitives into the planes of a view.
+    """Splat primitives into the planes of a view; black, with T = 1, where there are no primitives.
 
     Args:
         params: raw parameters as flat arrays, see ``project``; any of them may be attached to the AD graph.
         camera: the view and its size.
-        options: specialisation of the kernels.
-        probe: two [N] arrays of zeros that are added to the projected centres; their gradient is that of the
-            centres in pixels (the densification statistic).
+        options: what the kernels are made for: SH degree, antialiasing, further planes, cutoffs.
+        probe: two [N] arrays of zeros, in pixels, that are added to the projected centres; their gradients are those by
+            the centres (the statistic of densification).
         last: keeps the stages of this call.
-        recall: take those that ``last`` has kept instead, if they are of the same inputs.
-        stop_depth: [H*W], a primitive whose centre is deeper than this is not blended into a pixel (no derivative).
-        one_of_many: of many passes that are derived before anything is done with the gradients.
+        recall: use the stages that ``last`` has kept instead, if they are of the same inputs.
+        stop_depth: [H*W] world units, a primitive whose centre is deeper is not blended into a pixel (no derivative).
+        one_of_many: this is one of many passes of which all are differentiated before their gradients are used.
     """
     n_pixels = camera.width * camera.height
     if dr.width(params["logit_opacities"]) == 0 or n_pixels == 0:

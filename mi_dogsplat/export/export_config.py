@@ -15,10 +15,10 @@ DOG = "DoG: bake (nearest Gaussians), drop (their primaries alone), or keep wher
 SLOPES = "colours that vary over their primitive: drop (mean colours, the nearest), or keep where the format knows them"
 CUTS = "primitives that a plane cuts off: drop (nearest whole ones), or keep where the format knows them"
 SHIFTS = "places that depend on the view: drop (mean places), or keep where the format knows them"
-SPZ_VERSION = "of an .spz: 3 or 4"
+SPZ_VERSION = "version of an .spz: 3 or 4"
 SMALL = "SPZ, SOG: coarse grids and a palette, half the bytes or less; refined to lose little"
 REFINE = "steps that make up for what is left out, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
-VIEWS = "at most so many views to measure on; 0: none"
+VIEWS = "measure the loss on at most so many views; 0: on none"
 
 
 @dataclass(frozen=True)

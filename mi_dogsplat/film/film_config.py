@@ -13,8 +13,8 @@ PATH = "orbit, cameras (of the data or scene, smoothed), a JSON file of key fram
 SECONDS = "length of the film (default: 10, or what the key frames say)"
 SIZE = "width and height in pixels (default: 1280 720, or as the cameras have it)"
 FOV = "field of view of the shorter side, in degrees (default: 40, or that of the cameras)"
-ELEVATION = "of an orbit above the horizon, in degrees (default: 25, or as the cameras stand)"
-SMOOTHING = "of --path cameras: standard deviation, in cameras; at 0 the path leads through each"
+ELEVATION = "elevation of an orbit above the horizon, in degrees (default: 25, or as the cameras stand)"
+SMOOTHING = "for --path cameras: standard deviation of the mean, in cameras; at 0 the path leads through each"
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class FilmConfig:
     size: Annotated[tuple[int, int] | None, Setting(SIZE, "W H")] = None
     fov: Annotated[float | None, Setting(FOV, "DEGREES", least=0.1, most=170)] = None
     elevation: Annotated[float | None, Setting(ELEVATION, "DEGREES", least=-89, most=89)] = None
-    zoom: Annotated[float, Setting("of an orbit: at 2 it is half as wide", least=1e-3, most=1e3)] = 1.0
+    zoom: Annotated[float, Setting("for an orbit: at 2 it is half as wide", least=1e-3, most=1e3)] = 1.0
     smoothing: Annotated[float, Setting(SMOOTHING, least=0, most=1e3)] = 2.0
     shutter: Annotated[
         float, Setting("motion blur: share of a frame's time that the shutter is open, 0: none", least=0, most=1)
     ] = 0.0
-    samples: Annotated[int, Setting("pictures that the blur of a frame is the mean of", least=2, most=1024)] = 8
+    samples: Annotated[int, Setting("pictures whose mean is a blurred frame", least=2, most=1024)] = 8
     crf: Annotated[int, Setting("quality of the video: 0 is lossless, 51 the worst", least=0, most=51)] = 18
 
     def __post_init__(self) -> None:

@@ -28,7 +28,7 @@ MODEL_NAMES = f"a model ({' '.join(FORMATS)}, or the {sog_read.META} of SOG)"
 def read_model(path: str | Path, finite: bool = True) -> Model:
     """Read a model of any format in ``FORMATS``, in the axes of 3DGS PLY, and how it is to be drawn.
 
-    ``finite``: its numbers have to be; else those that are not are left as they are.
+    ``finite``: numbers that are not finite are an error; else they are left as they are.
 
     Raises ``DataError`` for whatever is no model; memory stays in proportion to the file.
     """

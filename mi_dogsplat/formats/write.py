@@ -38,8 +38,8 @@ def write_model(
 
     Args:
         path: its end names the format, one of ``FORMATS``.
-        model: with how it is to be drawn, or primitives alone.
-        spz_version: of an SPZ file, one of ``SPZ_VERSIONS``.
+        model: primitives with how they are to be drawn, or primitives alone.
+        spz_version: version of an SPZ file, one of ``SPZ_VERSIONS``.
         sh_rows: keep the SH degrees of single primitives where the format can, the layout "rows" of ``write_ply``; else
             all get the coefficients of the highest, as all programs read them.
 

@@ -82,7 +82,7 @@ class DogPathIntegrator(SplatIntegrator):
      * - mesh_shadows
        - |bool|
        - Surfaces cast shadows onto splats: the radiance of each primitive is multiplied by the share of its light that
-         the scene leaves to it. An approximation. (Default: false)
+         the scene leaves to it, which is an approximation. (Default: false)
 
      * - mesh_shadow_samples
        - |int|
@@ -94,7 +94,7 @@ class DogPathIntegrator(SplatIntegrator):
          noise, and albedo and normal for a denoiser (``denoising.py``)
 
     Path tracing in a scene of ``dog`` shapes and others. What the camera sees of splats is the picture of ``dogsplat``,
-    ended at the surfaces. From there on light paths are traced, with sampling of emitters and of BSDFs combined by
+    cut off at the surfaces. From there on light paths are traced, with sampling of emitters and of BSDFs combined by
     multiple importance sampling, and every segment gathers the splats that it passes: they add their radiance, and
     weaken what lies behind. So surfaces receive shadows and colour from splats, mirrors, rough and glossy materials
     show them, glass bends them, and they hide the light of lamps and of the environment. Shadow rays go on behind what

@@ -37,12 +37,11 @@ def to_ellipsoids(
     ``volprim_rf_basic`` reads. The colours are sRGB, as its ``srgb_primitives`` expects by default; where a ``Model``,
     a file or a shape says that they are linear radiance a warning asks for ``srgb_primitives`` to be false.
 
-    An ellipsoid is one whole Gaussian of one colour: of a DoG primitive the positive one is kept, what the
-    pseudo-Gaussian subtracts is left out, where a colour varies over its primitive the mean is kept, by slopes that at
-    the centre, a primitive that planes cut off becomes the whole one nearest to it, and one whose place depends on the
-    view stands where it is stored.
-    Left out too are primitives that are not drawn: those fainter than 1/255, and those with values that are not
-    finite. What is left out is reported by a warning of Mitsuba's logger.
+    An ellipsoid is one whole Gaussian of one colour. Of a DoG primitive the positive Gaussian is kept, and what the
+    pseudo-Gaussian subtracts is left out. Where a colour varies over its primitive its mean is kept. A primitive that
+    planes cut off becomes the whole one nearest to it, and one whose place depends on the view stands where it is
+    stored. Primitives that are not drawn are left out, too: those fainter than 1/255, and those with values that are
+    not finite. A warning of Mitsuba's logger says what is left out.
 
     Args:
         model: primitives, with how they are drawn or alone, the path of a file in any format, or a loaded shape

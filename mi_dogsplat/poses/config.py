@@ -14,7 +14,7 @@ FREE = ("gpu", "source", "masks")  # may change from one start to the next; dige
 LENS = "lens of each camera, a model of COLMAP's: " + ", ".join(LENSES)
 FRAMES = "frames to take of a video (default: as many as its motion asks for, at most 300)"
 MASKS = "folder of masks, named as the images: nothing black is matched (default: INPUT/masks where there is one)"
-UNDISTORT = "write images of a pinhole, for programs that know no lenses; else they keep their pixels and their lens"
+UNDISTORT = "write images as of a pinhole, for programs that know no lenses; else images keep pixels and lens"
 SIZE = "longest side of the images in which features are sought; larger ones are shrunk for that"
 
 
@@ -24,7 +24,7 @@ class PosesConfig:
 
     lens: Annotated[str, Setting(LENS, "MODEL", choices=LENSES)] = "SIMPLE_RADIAL"
     frames: Annotated[int | None, Setting(FRAMES, least=2)] = None
-    masks: Annotated[str | None, Setting(MASKS, "DIR")] = None
+    masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
     undistort: Annotated[bool, Setting(UNDISTORT)] = False
     scale: Length = None
     feature_size: Annotated[int, Setting(SIZE, least=64)] = 2000

@@ -62,7 +62,8 @@ _OF_SOME = {
 
 
 def read_ply(path: str | Path) -> Splats:
-    """Read a model. Raises ``DataError`` for whatever is not one; memory stays in proportion to the file."""
+    """Read the primitives of a 3DGS PLY, in its axes. Raises ``DataError`` for whatever is not one; memory stays in
+    proportion to the file."""
     return read_ply_and_comments(path)[0]
 
 
@@ -202,9 +203,9 @@ def write_ply(
     """Write a model; ``read_ply`` gives back the same bits. The old file stays until the new one is complete.
 
     Args:
-        layout: of a model whose primitives have SH degrees of their own. "3dgs": every primitive gets the coefficients
-            of the highest one, which every program reads; the degrees are not in the file. "rows": no primitive has
-            more than its own; programs that do not know the further elements show the model without its
+        layout: how a model is written whose primitives have SH degrees of their own. "3dgs": every primitive gets the
+            coefficients of the highest one, which every program reads; the degrees are not in the file. "rows": no
+            primitive has more than its own; programs that do not know the further elements show the model without its
             view-dependent colour. A uniform model is the same file in both.
         comments: lines for the header, such as ``drawing.comments_of`` makes.
 

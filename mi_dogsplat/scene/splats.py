@@ -324,7 +324,8 @@ class Splats:
         return flat
 
     def without_cuts(self) -> Splats:
-        """All N primitives whole."""
+        """All N primitives without their planes: what these took away comes back. The nearest whole primitives are made
+        by ``scene.whole.whole``."""
         return self._without(*PLANES)
 
     def without_second_cuts(self) -> Splats:

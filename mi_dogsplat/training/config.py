@@ -28,28 +28,33 @@ PRESETS = (
 WORLD_SCALE = "remove primitives larger than this many camera extents (default: the preset's)"
 VARIANT = "Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb"
 TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: eight times a run"
-MEASURED = "views that are measured: test; or validation: the data's own, or every 8th training view, test left unread"
+MEASURED = (
+    "views to measure: test; or validation, which are the data's own or else every 8th training view, and then no test "
+    "view is read"
+)
 USUAL_NEAR = "(default: 0.2, or a sixteenth of the camera extent where that is less)"
 NEAR_ZONE = "remove primitives nearer than this to a training camera, world units; 0: none"
 APPEARANCE = "learn exposure and white balance of each training image, and the vignetting of each camera"
-BATCH = "views of a step, which takes the mean of their gradients; step sizes grow with the square root"
+BATCH = "views in a step, which takes the mean of their gradients; step sizes grow with the square root of N"
 REFINE_POSES = "correct the poses of the training views by the photographs, beside the model"
 PRECONDITIONED = (
     "move the numbers of each primitive jointly once pruning is over; ours_preconditioned and those that add to it do "
     "so anyway"
 )
 GROWTH = (
-    "share of the steps in which the model grows, in steps twice as large, all that follows being as much earlier "
-    "(default: as the preset has it, mostly a half, and as large as those of 3DGS)"
+    "share of the steps in which the model grows; these steps are twice as large, and all that follows comes earlier "
+    "(default: that of the preset, mostly a half, in steps as large as those of 3DGS)"
 )
+MASKS = "folder of masks, named as the images: black pixels do not count"
 FORMATS = ("ply", "spz", "sog")
 FORMAT = f"file to train for, of {', '.join(FORMATS)}: the last part of the training sees the model as it will be there"
 TARGET = (
     "what pruning leaves, less what fades later: a ratio (0.1, 10%), a count of primitives (20000), or the size of the "
     "file (2MB)"
 )
-WHITE = "radiance that is white, for OpenEXR images (default: twice the 95th percentile of their luminances)"
-CHECKPOINTS = "time between checkpoints; longer where they would take a fiftieth of the time"
+WHITE = "radiance that is shown as white, for OpenEXR images (default: twice the 95th percentile of their luminances)"
+MEMORY = "train within this, such as 8G; memory of the GPU, where one computes (default: what is free)"
+CHECKPOINTS = "seconds between checkpoints; more where they would take over a fiftieth of the time"
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,7 @@ class TrainConfig:
     antialiased: Antialiased = False
     near_clip: Annotated[float | None, Setting(f"{NEAR} {USUAL_NEAR}", least=0, most=1e30)] = None
     near_zone: Annotated[float, Setting(NEAR_ZONE, least=0, most=1e30)] = 0.0
-    masks: Annotated[str | None, Setting("folder of masks, named as the images: black pixels do not count")] = None
+    masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
     white: Annotated[float | None, Setting(WHITE, "L", least=1e-30, most=1e30)] = None
     appearance: Annotated[bool, Setting(APPEARANCE)] = False
     refine_poses: Annotated[bool, Setting(REFINE_POSES)] = False
@@ -85,14 +90,14 @@ class TrainConfig:
     data_on_disk: Annotated[
         bool, Setting("decode images when they are due, a few ahead, instead of holding all of them")
     ] = False
-    initial_primitives: Annotated[int, Setting("random start when the data has no points", least=1)] = 20_000
+    initial_primitives: Annotated[
+        int, Setting("random primitives to start from when the data has no points", least=1)
+    ] = 20_000
     seed: Annotated[int, Setting("seed of every random choice", least=0)] = 0
     variant: Annotated[str, Setting(VARIANT)] = "auto"
     log_every: Annotated[int, Setting("steps between rows of history.jsonl", least=1)] = 50
     test_every: Annotated[int, Setting(TESTS, least=0)] = 0
-    memory: Annotated[
-        str | None, Setting("train within this, as 8G; of the GPU, where one computes (default: what is free)")
-    ] = None
+    memory: Annotated[str | None, Setting(MEMORY, "SIZE")] = None
     checkpoint_seconds: Annotated[float, Setting(CHECKPOINTS, least=0)] = 60.0
     up: Up = None
     scale: Length = None

@@ -34,7 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="random seeds (default: 0 1 2)"
     )
-    parser.add_argument("--only", nargs="+", default=list(ABLATION), metavar="NAME", help=f"of {' '.join(ABLATION)}")
+    variants = f"variants, of {' '.join(ABLATION)}"
+    parser.add_argument("--only", nargs="+", default=list(ABLATION), metavar="NAME", help=variants)
     compare.add_training_flags(parser)
 
 

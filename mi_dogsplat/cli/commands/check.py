@@ -36,11 +36,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, required=True, metavar="DIR", help="folder for check.html and check.json"
     )
     parser.add_argument(
-        "--only", nargs="+", metavar="PART", help=f"of {' '.join(PARTS)} (default: all that can be run)"
+        "--only", nargs="+", metavar="PART", help=f"parts, of {' '.join(PARTS)} (default: all that can be run)"
     )
     parser.add_argument("--runs", type=Path, nargs="+", default=[], metavar="RUN", help="run folders, for training")
     add_view_flags(parser)
-    parser.add_argument("--width", type=int, default=256, metavar="N", help="of the pictures, in pixels (default: 256)")
+    parser.add_argument(
+        "--width", type=int, default=256, metavar="N", help="width of the pictures, in pixels (default: 256)"
+    )
     parser.add_argument("--rounds", type=int, default=9, metavar="N", help="timings of each setting (default: 9)")
     add_picture_flags(parser, without=UNUSED)
 

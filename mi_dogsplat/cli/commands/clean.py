@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, CleanConfig)
     add_settings(parser, WorldConfig)
     parser.add_argument(
-        "--data", metavar="DATA", help="for --seen, --masks, --floaters, and PSNR on photographs before and after"
+        "--data", metavar="DATA", help="data set for --seen, --masks, --floaters, and for PSNR before and after"
     )
     parser.add_argument("--preview", type=Path, metavar="OUT.png", help="also write a picture of before and after")
     add_picture_flags(parser)

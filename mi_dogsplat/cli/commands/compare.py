@@ -30,8 +30,9 @@ Examples:
   dogsplat compare fox/ fern/ -o compared --workers 2  two runs at a time, on this machine
   dogsplat compare fox/ fern/ -o compared --cluster tcp://10.0.0.7:8786
                                                        on the workers of a Dask cluster (docs/compare.md)
-All methods of a seed have one renderer, one densified start but for some that begin at the first step, one
-number of steps but for released_40k, and one of primitives; 3dgs is the baseline at 100 %.
+All methods of a seed share the renderer, the number of steps (but for released_40k) and the number of
+primitives, and most of them one densified start; the others begin at the first step. 3dgs is the baseline at
+100 %.
 DIR/comparison.html has the tables, plots and pictures, comparison.csv and .tex the numbers; they are
 rewritten as runs finish, and each run is a run folder under DIR/DATA/seed_N/. What is complete is not
 repeated. A run that fails is named, and stops no other. --workers and --cluster need the extra
@@ -52,11 +53,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to go on with"
     )
     parser.add_argument("--seeds", type=int, nargs="+", default=[0], metavar="N", help="random seeds (default: 0)")
-    methods = f"of {' '.join(ALL)}, or sets: {' '.join(SETS)} (default: published)"
+    methods = f"methods, of {' '.join(ALL)}, or sets, of {' '.join(SETS)} (default: published)"
     parser.add_argument("--only", nargs="+", default=list(PUBLISHED), metavar="NAME", help=methods)
     more = "targets beside --target, for the tables of equal bytes and time"
     parser.add_argument("--more-targets", nargs="+", default=[], metavar="X", help=more)
-    parser.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler, as tcp://10.0.0.7:8786")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="address of a Dask scheduler, such as tcp://10.0.0.7:8786")
     parser.add_argument(
         "--workers", type=int, default=0, metavar="N", help="runs at a time, on this machine (default: 0: no Dask)"
     )

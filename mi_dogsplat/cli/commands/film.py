@@ -20,7 +20,7 @@ Examples:
   dogsplat film run/ -o film.mp4                                  what suits the data of the run
   dogsplat film run/point_cloud.ply -o film.mp4 --seconds 6 --elevation 35 --size 1920 1080
                                                                   one turn around the model
-  dogsplat film run/ -o film.mp4 --path cameras --smoothing 4     the way of the photographer, smoothed
+  dogsplat film run/ -o film.mp4 --path cameras --smoothing 4     the path of the photographer, smoothed
   dogsplat film run/point_cloud.ply -o film.mp4 --path keys.json --shutter 0.5
                                                                   through key frames, with motion blur
   dogsplat film run/point_cloud.ply -o frames/                    numbered pictures, frames/0000.png and on
@@ -30,8 +30,8 @@ Examples:
                                                                   through key frames; "$radius" is 2
 
 Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...],
-"loop": false, "up": [0, 0, 1]}, or a list of camera files (docs/film.md). A film that is stopped leaves no
-file; of numbered pictures the whole ones stay, and the same command goes on after them.
+"loop": false, "up": [0, 0, 1]}, or a list of camera files (docs/film.md). A video that is stopped
+leaves no file; numbered pictures that are complete stay, and the same command goes on after them.
 """
 
 

@@ -30,7 +30,7 @@ Examples:
   dogsplat render scene.xml -o view.exr                               a Mitsuba scene, by its first sensor
   dogsplat render scene.xml -o view.exr --spp 256                     with more samples per pixel
   dogsplat render scene.xml -o view.exr -s 1 -D radius=2              another sensor; "$radius" is 2
-  dogsplat render lit.xml -o view.png --spp 16 --denoise              with few, smoothed (of dogpath)
+  dogsplat render lit.xml -o view.png --spp 16 --denoise              with few, smoothed (dogpath)
 
 A camera file holds {"w2c": 4x4 world to camera (x right, y down, z forward), "fx": pixels, "fy", "cx",
 "cy", "width", "height"}; fy, cx and cy may be left out. A .png shows colours over the background; an .exr

@@ -29,7 +29,8 @@ docs/blender_details.md. It ends with its input.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    parser.add_argument("requests", type=Path, nargs="?", metavar="FILE", help="default: standard input")
+    what = "requests, one a line (default: standard input)"
+    parser.add_argument("requests", type=Path, nargs="?", metavar="FILE", help=what)
     parser.add_argument("--variant", default="auto", help="Mitsuba variant (default: %(default)s)")
     parser.add_argument(
         "--idle", type=float, metavar="SECONDS", help="end when no request has come for so long (default: never)"
