@@ -123,7 +123,8 @@ def make_order(
         request |= camera_request(camera)
     else:
         request |= {"samples": scene.dogsplat.samples, "denoise": scene.dogsplat.denoise}
-        request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
+        if not scene.dogsplat.denoise:  # what a denoiser leaves flickers less if all frames have the same noise
+            request["seed"] = scene.frame_current * 100_003 % 2**31
     return Order(request, stage.objects, stage.whole, stage.light, stage.files, stage.notes, camera)
 
 

@@ -1,4 +1,4 @@
-"""*Denoise*: the noise of a whole scene goes, and what splats show stays."""
+"""*Denoise*: the noise of a whole scene goes, what splats show stays, and frames have the same noise."""
 
 import math
 
@@ -26,3 +26,5 @@ def test_noise_goes_when_the_samples_are_done(scene, model, tmp_path):
     truth, plain, clean = seen(100), seen(4), seen(4, denoise=True)
     errors = [float(np.abs(image - truth).mean()) for image in (plain, clean)]
     assert errors[1] < 0.5 * errors[0], errors
+    scene.frame_set(scene.frame_current + 1)  # in which nothing moves
+    assert not np.array_equal(seen(4), plain) and np.array_equal(seen(4, denoise=True), clean)
