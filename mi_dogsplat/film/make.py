@@ -161,8 +161,9 @@ def _even(size: tuple[int, int]) -> tuple[int, int]:
 
 def _settings(subject: Subject, config: FilmConfig, n: int, size: tuple[int, int]) -> dict[str, Any]:
     """What decides on the pictures, but for where the camera is."""
-    arrays = (np.asarray(getattr(subject.model.splats, name)) for name in subject.model.splats.__dataclass_fields__)
-    digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
+    digest = hashlib.sha256()
+    for field in dataclasses.fields(subject.model.splats):
+        digest.update(getattr(subject.model.splats, field.name).data)
     drawn = {"background": subject.background, **dataclasses.asdict(subject.drawn)}
     said = dataclasses.asdict(config) | {"path": Path(config.path).name}  # a file, wherever it is named from
-    return {"model_sha256": digest, "frames": n, **said, "size": size, **drawn}
+    return {"model_sha256": digest.hexdigest(), "frames": n, **said, "size": size, **drawn}
