@@ -31,7 +31,7 @@ def read_path(path: Path, width: int, height: int, upright: np.ndarray) -> list[
     """The keys of a file, in order of time; ``width`` and ``height`` of pictures, and what is ``upright`` [3], where it
     does not say.
 
-    Without times they are a second apart. Raises ``FileError``.
+    Without times they are a second apart. Raises ``FileError`` for what ``dogsplat film`` refuses too.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
@@ -41,7 +41,7 @@ def read_path(path: Path, width: int, height: int, upright: np.ndarray) -> list[
     entries = whole.get("keys")
     if not isinstance(entries, list) or not entries:
         raise FileError(path, "has no list of keys", FORMAT)
-    up, fov = np.array(whole.get("up", upright), np.float64), AUTOMATIC_FOV
+    up, fov = _upright(path, whole.get("up", upright)), AUTOMATIC_FOV
     keys: list[PathKey] = []
     for i, entry in enumerate(entries):
         try:
@@ -51,21 +51,45 @@ def read_path(path: Path, width: int, height: int, upright: np.ndarray) -> list[
             else:
                 fov = float(entry.get("fov", fov))
                 camera = _aimed(entry, up, fov, i, width, height)
-            keys.append(PathKey(float(entry.get("time", i)), camera, "w2c" in entry))
-        except (ValueError, TypeError, KeyError, AttributeError, ZeroDivisionError) as error:
+            keys.append(PathKey(_time(entry, i), camera, "w2c" in entry))
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
             if isinstance(error, FileError):
                 raise
             raise FileError(path, "key {number} cannot be used ({reason})", FORMAT, number=i, reason=error) from error
-    if any(later.time <= key.time for key, later in zip(keys, keys[1:], strict=False)):
-        raise FileError(path, "its keys are not in order of time", "sort them")
+    _check_times(path, entries, keys)
     return keys
 
 
+def _upright(path: Path, given: Any) -> np.ndarray:
+    try:
+        return _vector({"up": given}, "up", 3)
+    except ValueError as error:
+        raise FileError(path, "{reason}", FORMAT, reason=error) from error
+
+
+def _check_times(path: Path, entries: list[dict[str, Any]], keys: list[PathKey]) -> None:
+    """Raise ``FileError`` where only some keys have a time of their own, or where these do not grow."""
+    lacking = [i for i, entry in enumerate(entries) if "time" not in entry]
+    if lacking and len(lacking) < len(entries):
+        raise FileError(path, 'key {number} lacks "time"', "give each key its time, or none", number=lacking[0])
+    if any(later.time <= key.time for key, later in zip(keys, keys[1:], strict=False)):
+        raise FileError(path, "its keys are not in order of time", "sort them")
+
+
+def _time(entry: dict[str, Any], i: int) -> float:
+    time = float(entry.get("time", i))
+    if not math.isfinite(time):
+        raise ValueError('"time" is not finite')
+    return time
+
+
 def _given(path: Path, i: int, entry: dict[str, Any]) -> Camera:
-    fx, width, height = float(entry["fx"]), int(entry["width"]), int(entry["height"])
-    cx, cy = float(entry.get("cx", width / 2)), float(entry.get("cy", height / 2))
-    w2c = rigid(path, f"key {i}", entry["w2c"])
-    return Camera(f"key {i}", w2c, fx, float(entry.get("fy", fx)), cx, cy, width, height)
+    fx, width, height = (float(entry[name]) for name in ("fx", "width", "height"))
+    fy, cx, cy = (float(entry.get(name, own)) for name, own in (("fy", fx), ("cx", width / 2), ("cy", height / 2)))
+    size = int(width), int(height)  # of what is no number, ValueError and OverflowError
+    if size != (width, height) or min(fx, fy, *size) <= 0 or not np.isfinite((fx, fy, cx, cy)).all():
+        raise ValueError("its lengths in pixels are those of no camera")
+    return Camera(f"key {i}", rigid(path, f"key {i}", entry["w2c"]), fx, fy, cx, cy, *size)
 
 
 def _fov(camera: Camera) -> float:
@@ -87,7 +111,10 @@ def _aimed(entry: dict[str, Any], up: np.ndarray, fov: float, i: int, width: int
 
 
 def _vector(entry: dict[str, Any], name: str, count: int) -> np.ndarray:
-    values = np.array(entry[name], np.float64)
+    try:
+        values = np.array(entry[name], np.float64)
+    except (ValueError, TypeError):
+        values = np.zeros(0)
     if values.shape != (count,) or not np.isfinite(values).all():
         raise ValueError(told('"{name}" is not {count} numbers', name=name, count=count))
     return values

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..files.errors import FileError, told
 from .folder import own_folder
-from .served import Cancelled, RendererError, Served
+from .served import Cancelled, RendererError, Served, environment
 
 MISSING = (
     "Mitsuba is not there: install the package with \"pip install '.[train,export]'\" in the folder of its repository, "
@@ -153,8 +153,9 @@ class Command:
         kept = "--slopes", "keep", "--cuts", "keep", "--shifts", "keep"
         how = "--dog", "bake" if bake else "keep", *kept, "--refine", "0", "--views", "0"
         words = [*self.words, "export", str(path), "-o", str(out), *how]
+        text = {"encoding": "utf-8", "errors": "replace", "env": environment()}
         try:
-            done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
+            done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, **text)
         except OSError as error:
             raise RendererError("{name} cannot be started ({reason})", name=self.name, reason=error.strerror) from error
         lines = done.stderr.strip().splitlines() or [told("exit status {status}", status=done.returncode)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import queue
 import subprocess
 import threading
@@ -37,6 +38,11 @@ class Said(NamedTuple):
     left: bool
 
 
+def environment() -> dict[str, str]:
+    """Of a process of the package: it writes UTF-8, which is what we read, whatever the locale is."""
+    return {**os.environ, "PYTHONIOENCODING": "utf-8"}
+
+
 class Served:
     """``dogsplat serve``, from its start to its end, which comes with that of Blender at the latest."""
 
@@ -45,7 +51,8 @@ class Served:
         try:
             with log.open("w") as output:
                 pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": output}
-                self._process = subprocess.Popen(words, text=True, encoding="utf-8", errors="replace", **pipes)
+                how = {"encoding": "utf-8", "errors": "replace", "env": environment()}
+                self._process = subprocess.Popen(words, **pipes, **how)
         except OSError as error:
             raise RendererError("{name} cannot be started ({reason})", name=name, reason=error.strerror) from error
         self._lines: queue.Queue[str | None] = queue.Queue()
@@ -130,7 +137,7 @@ class Served:
 
     def _last_words(self) -> str:
         status = self._process.wait()
-        lines = self._log.read_text(errors="replace").strip().splitlines()
+        lines = self._log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         return lines[-1] if lines else told("exit status {status}", status=status)
 
 

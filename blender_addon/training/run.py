@@ -11,7 +11,7 @@ import weakref
 from pathlib import Path
 
 from ..files.whole import remove
-from ..package.served import RendererError
+from ..package.served import RendererError, environment
 
 LOG, HISTORY, METRICS, CONFIG, MODEL = "training.log", "history.jsonl", "metrics.json", "config.json", "point_cloud.ply"
 CHECKPOINT = Path("checkpoint") / "state.npz"
@@ -37,7 +37,7 @@ class TrainingRun:
         try:
             with self._log.open("wb") as log:
                 pipes = {"stdin": subprocess.PIPE, "stdout": log, "stderr": subprocess.STDOUT}
-                process = subprocess.Popen(command, **pipes, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+                process = subprocess.Popen(command, **pipes, env=environment() | {"PYTHONUNBUFFERED": "1"})
         except OSError as error:
             name = " ".join(words)
             raise RendererError("{name} cannot be started ({reason})", name=name, reason=error.strerror) from error

@@ -214,6 +214,10 @@ MESSAGES = {
     "key {number} cannot be used ({reason})": "das Schlüsselbild {number} ist nicht brauchbar ({reason})",
     "its keys are not in order of time": "die Schlüsselbilder sind nicht nach der Zeit geordnet",
     "sort them": "sie sortieren",
+    'key {number} lacks "time"': "dem Schlüsselbild {number} fehlt „time“",
+    "give each key its time, or none": "jedem Schlüsselbild seine Zeit geben oder keinem",
+    '"time" is not finite': "„time“ ist nicht endlich",
+    "its lengths in pixels are those of no camera": "seine Längen in Pixeln sind die keiner Kamera",
     '"fov" is {fov:g}, not within 0 to 180 degrees': "„fov“ ist {fov:g}, nicht zwischen 0 und 180 Grad",
     '"{name}" is not {count} numbers': "„{name}“ besteht nicht aus {count} Zahlen",
     '"look_at" is at the position itself, or straight above or below it': (

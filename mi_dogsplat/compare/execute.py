@@ -50,7 +50,8 @@ def in_a_process(task: Task, means: Means, asked: Callable[[], bool] = lambda: F
     task.log.parent.mkdir(parents=True, exist_ok=True)
     given = {"task": dataclasses.asdict(task), "means": dataclasses.asdict(means)}
     paths = [str(PACKAGE), *filter(None, [os.environ.get("PYTHONPATH")])]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    # its log is UTF-8, whatever the locale is
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONIOENCODING": "utf-8"}
     command = [sys.executable, "-m", "mi_dogsplat.compare", json.dumps(given)]
     try:
         with open(task.log, "w", encoding="utf-8") as log:

@@ -10,6 +10,7 @@ whole view: so the lanes of a tile are at the same isects at the same time, and 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -28,6 +29,7 @@ from .tiles import WORD, TileLists, list_isects, tiles
 
 Result = TypeVar("Result")
 LISTED, WALKED = 25, 115  # bytes of an isect: of the lists that are kept, and of what a walk with derivatives takes
+MOST_ISECTS = 2**27 - WORD  # isects of a band: a walk has up to 32 sums of each, and Dr.Jit no arrays of 2^32 numbers
 
 
 @dataclass
@@ -99,17 +101,17 @@ WalkableView: TypeAlias = PreparedView | BandedView
 def listed(
     projection: Projection, tables: Tables, grid: Grid, settings: Settings, isect_memory: float | None = None
 ) -> WalkableView:
-    """A view in one piece, or, where its isects need more than ``isect_memory`` bytes, in bands.
+    """A view in one piece, or in bands where its isects need more than ``isect_memory`` bytes or are more than
+    ``MOST_ISECTS``.
 
     On CUDA always in one piece: an isect needs some 30 bytes there, as sums are not its own but its primitive's.
     """
-    if isect_memory is None or not array_types().is_llvm:
-        return PreparedView(grid, grid.lanes, tables, tiles(projection, grid, settings.cutoffs), settings)
-    isects = count_isects(projection, grid, settings.cutoffs)
-    if (LISTED + WALKED) * isects.total <= isect_memory:
-        return PreparedView(grid, grid.lanes, tables, list_isects(isects, grid.blocks, grid.lanes), settings)
-    most = max(0, int((isect_memory - LISTED * isects.total) / WALKED))
-    return BandedView(grid, tables, isects, settings, bands_of(isects.per_row(grid.tiles_y), most))
+    isects = count_isects(projection, grid, settings.cutoffs) if array_types().is_llvm else None
+    memory = math.inf if isect_memory is None else isect_memory
+    if isects and (isects.total > MOST_ISECTS or (LISTED + WALKED) * isects.total > memory):
+        most = int(max(0, min(MOST_ISECTS, (memory - LISTED * isects.total) / WALKED)))
+        return BandedView(grid, tables, isects, settings, bands_of(isects.per_row(grid.tiles_y), most))
+    return PreparedView(grid, grid.lanes, tables, tiles(projection, grid, settings.cutoffs, isects), settings)
 
 
 def bands_of(per_row: np.ndarray, most: int) -> list[Band]:

@@ -51,10 +51,13 @@ class TileLists:
         return dr.width(self.splat_from_isect)
 
 
-def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
-    """Depth-ordered list of primitives per tile. Waits for the device once, to learn the length of the lists."""
+def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs, isects: Isects | None = None) -> TileLists:
+    """Depth-ordered list of primitives per tile. Waits for the device once, to learn the length of the lists.
+
+    ``isects``: those of LLVM, where they have been counted.
+    """
     if array_types().is_llvm:
-        return list_isects(count_isects(projection, grid, cutoffs), grid.blocks, grid.lanes)
+        return list_isects(isects or count_isects(projection, grid, cutoffs), grid.blocks, grid.lanes)
     return _bucket_lists(Footprints(projection, grid, cutoffs.log2_range), depth_bits(projection), grid)
 
 

@@ -39,8 +39,8 @@ class ModelFrames:
 
     def settings(self) -> dict[str, Any]:
         """The model, and how it is drawn."""
-        splats = self._subject.model.splats
-        arrays = (np.asarray(getattr(splats, name)) for name in splats.__dataclass_fields__)
-        digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
+        splats, digest = self._subject.model.splats, hashlib.sha256()
+        for field in dataclasses.fields(splats):
+            digest.update(np.ascontiguousarray(getattr(splats, field.name)).data)
         drawn = {"background": self._subject.background, **dataclasses.asdict(self._subject.drawn)}
-        return {"model_sha256": digest, **drawn}
+        return {"model_sha256": digest.hexdigest(), **drawn}

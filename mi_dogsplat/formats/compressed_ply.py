@@ -82,21 +82,14 @@ def read(path: Path) -> Model:
         tables = reader.tables({"chunk", "vertex", "sh"}, trailer=True)
         rows = reader.trailer()
     vertex = tables.get("vertex", np.zeros(0))
+    n = len(vertex)
     if "chunk" not in tables or not set(WORDS) <= set(vertex.dtype.names or ()):
         reader.fail("no chunks of packed primitives", "give a compressed PLY")
     if any(vertex.dtype[name].kind not in "iu" for name in WORDS):
         reader.fail("its packed words are no integers", "export it again")
-    there = tables["chunk"].dtype.names or ()
-    columns = COLUMNS if set(OF_COLORS) & set(there) else COLUMNS[: -len(OF_COLORS)]
-    if missing := [name for name in columns if name not in there]:
-        reader.fail(f'its chunks have no property "{missing[0]}"', "export it again")
-    n, n_chunks = len(vertex), len(tables["chunk"])
-    if n_chunks * CHUNK < n or len(tables.get("sh", vertex)) != n:
+    chunks = _chunks(reader, tables["chunk"])
+    if len(chunks) * CHUNK < n or len(tables.get("sh", vertex)) != n:
         reader.fail(f"its chunks or spherical harmonics are too few for {counted(n, 'primitive')}")
-    chunks = reader.columns(tables["chunk"], "chunk", tuple(columns)).astype(np.float64)
-    chunks = chunks.reshape(n_chunks, len(columns) // 6, 2, 3)
-    if len(columns) < len(COLUMNS):
-        chunks = np.concatenate([chunks, np.tile([[0.0], [1.0]], (n_chunks, 1, 1, 3))], axis=1)
     bounds = chunks[np.arange(n) // CHUNK]  # [N, what, min or max, axis]
 
     def between(what: int, word: str, layout: tuple) -> Array:
@@ -121,6 +114,20 @@ def read(path: Path) -> Model:
         **trailer.decode(reader, rows, n),
     )
     return Model(splats, drawing_of(reader.comments))
+
+
+def _chunks(reader: TableReader, table: Array) -> Array:
+    """Bounds of each chunk, float64 [chunks, positions or log scales or colours, min or max, axis]; of colours 0 and 1
+    in older files, which have none. Raises ``DataError``."""
+    there = table.dtype.names or ()
+    columns = COLUMNS if set(OF_COLORS) & set(there) else COLUMNS[: -len(OF_COLORS)]
+    if missing := [name for name in columns if name not in there]:
+        reader.fail(f'its chunks have no property "{missing[0]}"', "export it again")
+    bounds = reader.columns(table, "chunk", tuple(columns)).astype(np.float64)
+    bounds = bounds.reshape(len(table), len(columns) // 6, 2, 3)
+    if len(columns) == len(COLUMNS):
+        return bounds
+    return np.concatenate([bounds, np.tile([[0.0], [1.0]], (len(table), 1, 1, 3))], axis=1)
 
 
 def moved(splats: Splats) -> Array:

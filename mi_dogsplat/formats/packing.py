@@ -73,9 +73,11 @@ def morton_order(means: Array) -> Array:
         return np.zeros(0, np.int64)
     low, high = (end(means, axis=0).astype(np.float64) for end in (np.min, np.max))  # float32 may hold no difference
     cells = (means.astype(np.float64) - low) / np.maximum(high - low, 1e-30) * (2**MORTON_BITS - 1)  # [N, 3]
-    bits = (cells.astype(np.int64)[..., None] >> np.arange(MORTON_BITS)) & 1  # [N, 3, MORTON_BITS]
-    weights = 1 << (3 * np.arange(MORTON_BITS) + np.arange(3)[:, None])  # [3, MORTON_BITS]
-    return np.argsort((bits * weights).sum(axis=(1, 2)), kind="stable")
+    codes = np.zeros(len(means), np.int64)
+    for axis, cell in enumerate(cells.astype(np.int64).T):
+        for bit in range(MORTON_BITS):  # one by one: a table of all bits would be ten times as large as the positions
+            codes |= (cell >> bit & 1) << (3 * bit + axis)
+    return np.argsort(codes, kind="stable")
 
 
 def in_space(splats: Splats) -> Array:

@@ -64,19 +64,34 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     meta["quats"] = {"files": [store("quats.webp", quats)]}
     meta["sh0"] = {"codebook": _short(dc), "files": [store("sh0.webp", sh0)]}
     if splats.sh_degree and n:
-        rest = splats.sh_coeffs[:, 1:].reshape(n, -1)  # [N, 3 (K - 1)] red, green, blue of one coefficient in turn
-        labels, centroids = palette(rest, palette_size(n))
-        table = codebook(centroids)
-        entries = nearest(table, centroids)  # [P, 3 (K - 1)]
-        order = np.lexsort(entries.T[::-1])  # like ones are neighbours
-        labels = np.argsort(order)[labels]
-        rows = math.ceil(len(entries) / PER_ROW)
-        pixels = np.zeros((rows * PER_ROW, rest.shape[1]), np.uint8)
-        pixels[: len(entries)] = entries[order]
-        files["shN_centroids.webp"] = _webp(pixels.reshape(rows, -1, 3))
+        labels, entries, table = _view_dependent(splats.sh_coeffs[:, 1:].reshape(n, -1))
+        files["shN_centroids.webp"] = _webp(_in_rows(entries))
         index = store("shN_labels.webp", np.stack([labels & 255, labels >> 8, 0 * labels], axis=1))
-        meta["shN"] = {"count": len(centroids), "bands": splats.sh_degree, "codebook": _short(table)}
+        meta["shN"] = {"count": len(entries), "bands": splats.sh_degree, "codebook": _short(table)}
         meta["shN"]["files"] = ["shN_centroids.webp", index]
+    return _bundled(meta, files)
+
+
+def _view_dependent(rest: Array) -> tuple[Array, Array, Array]:
+    """(labels [N], entries [P, 3 (K - 1)] of the palette as indices into a table, the table [256]) of the coefficients
+    [N, 3 (K - 1)], red, green, blue of one in turn."""
+    labels, centroids = palette(rest, palette_size(len(rest)))
+    table = codebook(centroids)
+    entries = nearest(table, centroids)
+    order = np.lexsort(entries.T[::-1])  # like ones are neighbours
+    return np.argsort(order)[labels], entries[order], table
+
+
+def _in_rows(entries: Array) -> Array:
+    """The palette [P, 3 (K - 1)] as the pixels of its picture."""
+    rows = math.ceil(len(entries) / PER_ROW)
+    pixels = np.zeros((rows * PER_ROW, entries.shape[1]), np.uint8)
+    pixels[: len(entries)] = entries
+    return pixels.reshape(rows, -1, 3)
+
+
+def _bundled(meta: dict[str, Any], files: dict[str, bytes]) -> bytes:
+    """A ZIP of a meta.json and pictures, which are not compressed again."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as bundle:
         bundle.writestr(zipfile.ZipInfo("meta.json", EPOCH), json.dumps(meta, separators=(",", ":")))

@@ -37,9 +37,14 @@ CUBE_QUATS, CUBE_AXES = _cube_rotations()
 def nearest_to_identity(splats: Splats) -> Splats:
     """The same ellipsoids, each with the unit quaternion, w positive, that turns least; scales reordered."""
     quats = unit_quats(splats)
-    turned = quaternion_product(quats[:, None], CUBE_QUATS[None])  # [N, 24, 4]
-    best = np.abs(turned[..., 3]).argmax(axis=1)  # [N]
-    chosen = np.take_along_axis(turned, best[:, None, None], axis=1)[:, 0]
+    best = np.abs(_w_of_products(quats)).argmax(axis=1)  # [N]
+    chosen = quaternion_product(quats, CUBE_QUATS[best])
     chosen *= np.where(chosen[:, 3:] < 0, -1, 1)
     scales = np.take_along_axis(splats.log_scales, CUBE_AXES[best], axis=1)
     return replace(splats, log_scales=scales, quats=chosen)
+
+
+def _w_of_products(quats: Array) -> Array:
+    """[N, 24] of the products of quaternions [N, 4] with those of the cube: all that tells how far they turn."""
+    (x, y, z, w), (a, b, c, d) = quats.T[..., None], CUBE_QUATS.T
+    return w * d - x * a - y * b - z * c

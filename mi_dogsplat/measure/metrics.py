@@ -35,14 +35,15 @@ def evaluate(
 ) -> dict[str, float]:
     """All metrics of one view, as plain floats that JSON can hold.
 
-    :param image: render [H, W, 3]
-    :param truth: photograph [H, W, 3]
-    :param name: what an error message calls the render (the name of the view)
-    :param mask: pixels that count [H, W], at least one; None: all
-    :param mean_flip: what ``flip`` gave for these, where it is known; None: it is asked
-    :return: ``psnr`` in dB, at most ``PSNR_CAP``; ``ssim``, 1 if identical;
-        ``flip`` and ``l1``, 0 if identical
-    :raises ValueError: shapes differ, or a value is NaN or infinite
+    Args:
+        image: render [H, W, 3].
+        truth: photograph [H, W, 3].
+        name: what an error message calls the render (the name of the view).
+        mask: pixels that count [H, W], at least one; None: all.
+        mean_flip: what ``flip`` gave for these, where it is known; None: it is asked.
+
+    Returns ``psnr`` in dB, at most ``PSNR_CAP``; ``ssim``, 1 if identical; ``flip`` and ``l1``, 0 if identical. Raises
+    ``ValueError`` where shapes differ, or a value is NaN or infinite.
     """
     a, b = _displayed(image, truth, name)
     mean_flip = flip(a, b, mask)[0] if mean_flip is None else mean_flip

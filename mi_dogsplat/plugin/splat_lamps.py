@@ -102,8 +102,9 @@ def lamps_of(params: dict, linear: bool) -> SplatLamps | None:
         means, scales = (np.array(rows(params[name], 3, lamps)).T for name in ("means", "log_scales"))
         opacities = dr.rcp(1 + dr.exp(-dr.gather(mi.Float, params["logit_opacities"], lamps))).numpy()
         radiance = dr.gather(mi.Float, brightest, lamps).numpy()
-    area = np.exp(np.sort(scales, 1)[:, 1:].sum(1))
-    power = np.nan_to_num(radiance * opacities * area, posinf=0)
+    with np.errstate(over="ignore", invalid="ignore"):  # of scales beyond all numbers, which a broken training leaves
+        area = np.exp(np.sort(scales, 1)[:, 1:].sum(1))
+        power = np.nan_to_num(radiance * opacities * area, posinf=0)
     best = np.argsort(-power, kind="stable")[:MOST]
     best = best[(power[best] > 0) & np.isfinite(means[best]).all(1)]
     if not len(best):

@@ -28,9 +28,10 @@ DIGIT, GAP, MAX_SHIFT = 9, 5, 24  # of the labels of marks: width of a character
 
 @dataclass(frozen=True)
 class Series:
-    """One curve: ``x`` and ``y`` [n]; ``kind`` is line, faint, dashed or points; ``color`` 1 to 8 of the page, or 0.
+    """One curve: ``x`` and ``y`` [n]; ``kind`` is line, faint, dashed or points.
 
-    ``notes`` are for points, one each: then they have the shape of their colour, and tooltips.
+    ``color`` is one of the page, 1 to 12 (``style.css``), or its ink, 0. ``notes`` are for points, one each:
+    then they have the shape of their colour, and tooltips.
     """
 
     label: str
@@ -97,7 +98,7 @@ def line_plot(
     first value. ``legend=False`` leaves the names of the series to a legend beside the figure; ``height`` is that of
     the curves alone, in user units.
 
-    :raises ValueError: nothing is left to draw
+    Raises ``ValueError`` where nothing is left to draw.
     """
     drawn = [_drawable(s, log_x, log_y) for s in series]
     drawn = [s for s in drawn if len(s.x)]

@@ -130,8 +130,8 @@ class Run:
 def read_run(path: str | Path) -> Run:
     """Reads config.json, history.jsonl, metrics.json and others of a run folder; each may be missing.
 
-    :raises DataError: the folder does not exist, one of the .json files is not a JSON object, or something in it that
-        others rely on is of another kind than what a run writes
+    Raises ``DataError`` where the folder does not exist, one of the .json files is not a JSON object, or something in
+    it that others rely on is of another kind than what a run writes.
     """
     path = Path(path)
     if not path.is_dir():

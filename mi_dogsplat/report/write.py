@@ -28,8 +28,10 @@ from .views import shares, sheet, shown, views
 def write_report(run_dir: str | Path, metrics: dict[str, Any] | None = None) -> Path:
     """Writes ``report.html`` into a run folder and returns its path.
 
-    :param metrics: what the run has measured and is yet to write; None: what its folder holds
-    :raises DataError: the folder does not exist, or one of its .json files is not a JSON object
+    Args:
+        metrics: what the run has measured and is yet to write; None: what its folder holds.
+
+    Raises ``DataError`` where the folder does not exist, or one of its .json files is not a JSON object.
     """
     run = read_run(run_dir)
     run = run if metrics is None else replace(run, metrics=metrics)

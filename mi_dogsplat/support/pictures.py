@@ -37,8 +37,8 @@ def heat_map(error: ArrayLike) -> NDArray[np.float32]:
 def write_png(path: str | Path, image: ArrayLike) -> None:
     """Writes [H, W, 3], [H, W, 4] or [H, W] as 8-bit sRGB: clamped to 0..1, rounded to nearest.
 
-    :raises ValueError: the shape is another one, or the picture holds NaN (8 bits could only hide it)
-    :raises OSError: the file cannot be written
+    Raises ``ValueError`` where the shape is another one or the picture holds NaN (8 bits could only hide it), and
+    ``OSError`` where the file cannot be written.
     """
     values = np.asarray(image)
     if values.ndim not in (2, 3) or (values.ndim == 3 and values.shape[2] not in (3, 4)) or values.size == 0:
@@ -58,12 +58,14 @@ def write_png(path: str | Path, image: ArrayLike) -> None:
 def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
     """Writes one multi-layer OpenEXR file (scanlines, 32-bit floats, lossless).
 
-    :param layers: ``color`` [H, W, 3 or 4] becomes R, G, B and A: display-referred and premultiplied here,
-        linear in the file, alpha as it is (over black the file shows what was trained). Every other layer is
-        stored as it is: [H, W] as ``name.Y`` (``depth`` as ``depth.Z``), [H, W, 3 or 4] as ``name.R``,
-        ``.G``, ``.B``, ``.A``; a channel ``name.X`` of [H, W] under that name.
-    :raises ValueError: no layer, or shapes that do not fit together
-    :raises OSError: the file cannot be written
+    Args:
+        layers: ``color`` [H, W, 3 or 4] becomes R, G, B and A: display-referred and premultiplied here, linear in the
+            file, alpha as it is (over black the file shows what was trained). Every other layer is stored as it is:
+            [H, W] as ``name.Y`` (``depth`` as ``depth.Z``), [H, W, 3 or 4] as ``name.R``, ``.G``, ``.B``, ``.A``; a
+            channel ``name.X`` of [H, W] under that name.
+
+    Raises ``ValueError`` where there is no layer, or shapes do not fit together, and ``OSError`` where the file cannot
+    be written.
     """
     planes: dict[str, NDArray[np.float32]] = {}
     size: tuple[int, ...] | None = None

@@ -33,6 +33,16 @@ def test_without_its_start_a_run_fails_in_one_line(data, tmp_path):
     assert error and "there is no densified start" in error
 
 
+def test_a_line_of_a_task_names_files_as_they_are_called_whatever_the_locale(data, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", "latin-1")  # that of some locales
+    folder = tmp_path / "Zürich"
+    folder.mkdir()
+    settings = {k: v for k, v in vars(TrainConfig(str(data), steps=60)).items() if k not in ("preset", "seed")}
+    (folder / "config.json").write_text(json.dumps(settings))
+    error = in_a_process(Task("train", str(folder), 0, ("3dgs",)), Means())
+    assert error and error.startswith(str(folder))
+
+
 def test_a_target_that_the_start_does_not_reach_is_one_line(tmp_path):
     (tmp_path / "config.json").write_text(json.dumps({"data": "", "steps": 60, "target": 1000}))
     save_checkpoint(tmp_path / "seed_0" / "start.npz", {"optimizer.logit_opacities": np.zeros(50)})

@@ -8,17 +8,21 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from device_peak import device_peak
+from mi_dogsplat.engine import bands as module
 from mi_dogsplat.engine.arrays import detached
-from mi_dogsplat.engine.bands import LISTED, WALKED, BandedView, bands_of
+from mi_dogsplat.engine.bands import LISTED, MOST_ISECTS, WALKED, BandedView, bands_of
 from mi_dogsplat.engine.geometry import Blocks, Grid
 from mi_dogsplat.engine.isects import count_isects
+from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.engine.parameters import device_array, upload
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.engine.rasterize import rasterize
+from mi_dogsplat.engine.tables import CentredKernel, varying_columns
 from mi_dogsplat.engine.view import prepare, prepare_both
 from mi_dogsplat.engine.walks.aovs import WALKED as AOVS
 from mi_dogsplat.engine.walks.aovs import composite_aovs
 from mi_dogsplat.engine.walks.composite import composite_over
+from mi_dogsplat.engine.walks.fisher import COLUMNS as FISHER
 from mi_dogsplat.engine.walks.fisher import composite_fisher, patch_blocks
 from mi_dogsplat.engine.walks.score import Sums, composite_score
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
@@ -214,6 +218,25 @@ def test_what_fits_has_no_bands():
     enough = (LISTED + WALKED) * total
     assert not isinstance(passes(splats, camera, isect_memory=enough)[0], BandedView)
     assert isinstance(passes(splats, camera, isect_memory=enough - 1)[0], BandedView)
+
+
+def test_more_isects_than_arrays_have_room_for_have_bands_whatever_the_memory(monkeypatch):
+    """Sums of 2^27 isects would be arrays of 2^32 numbers, which Dr.Jit does not make."""
+    splats, camera = rounded(random_splats(60, 3, 0)), tilted_camera(60, 90)
+    _, planes, gradients = passes(splats, camera)
+    most = int(per_row(splats, camera).sum()) // 2
+    monkeypatch.setattr(module, "MOST_ISECTS", most)
+    for memory in (None, 1e12):
+        view, banded_planes, banded_gradients = passes(splats, camera, isect_memory=memory)
+        assert isinstance(view, BandedView) and len(view.bands) > 1
+        assert_same(banded_planes + banded_gradients, planes + gradients)
+
+
+def test_sums_of_the_most_isects_of_a_band_are_fewer_than_arrays_have_room_for():
+    features = 7  # colours, depth and normal
+    varying = varying_columns(Settings(features, slopes=True, curvatures=True, cuts=2))
+    for columns in (len(CentredKernel._fields) + features + varying, FISHER):
+        assert MOST_ISECTS * 2 ** (columns - 1).bit_length() < 2**32
 
 
 @pytest.mark.slow

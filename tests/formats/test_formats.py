@@ -298,6 +298,14 @@ def test_morton_order_brings_neighbours_together():
     assert len(morton_order(means[:0])) == 0 and morton_order(means[:1]).tolist() == [0]
 
 
+def test_morton_order_is_that_of_the_interleaved_bits_of_cells():
+    means = np.random.default_rng(0).normal(size=(300, 3))
+    cells = ((means - means.min(0)) / np.ptp(means, axis=0) * 1023).astype(int)
+    of_axes = [[f"{cell:010b}" for cell in row] for row in cells]
+    codes = ["".join(z + y + x for x, y, z in zip(*row, strict=True)) for row in of_axes]
+    assert morton_order(means).tolist() == sorted(range(300), key=codes.__getitem__)
+
+
 def test_a_codebook_is_as_good_as_theory_allows_and_exact_where_it_can_be():
     values = np.random.default_rng(0).normal(size=200_000)
     table = codebook(values)

@@ -74,6 +74,13 @@ def test_no_model_in_display_colours_has_lamps_and_of_many_the_brightest_are_tak
     assert sorted(float(np.array(c).ravel()[0]) for c in lamps.center) == [3.0 * k for k in range(12, 20)]
 
 
+def test_a_lamp_whose_size_is_beyond_float32_is_none_and_nobody_is_warned():
+    splats = rounded(make_splats(colors=RADIANCE, **LAMPS))
+    splats.log_scales[0] = 60
+    lamps = lamps_of(upload(splats), linear=True)
+    assert lamps and len(lamps.center) == 1 and lamps.center[0].numpy().ravel() == pytest.approx(LAMPS["means"][1])
+
+
 def test_brightness_that_curves_counts_with_its_mean():
     """Of these only the middle of the first and the rim of the second are bright enough; on average the second is."""
     colors = np.full((4, 3), [[BRIGHT + 1], [BRIGHT - 1], [BRIGHT + 1], [BRIGHT - 1]])

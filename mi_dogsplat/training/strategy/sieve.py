@@ -14,15 +14,15 @@ from ..events import Dropped, Event
 from .broken import drop_broken
 from .strategy import Strategy, Training
 
-ROWS = 65_536  # primitives at a time, which bounds the memory
+PAIRS = 1 << 20  # of a primitive and a camera, at a time: 50 MB
 
 
 def near_cameras(means: np.ndarray, positions: np.ndarray, distance: float) -> np.ndarray:
     """[N] whether a centre [N, 3] is nearer than ``distance`` to one of the camera positions [V, 3]."""
-    near = np.zeros(len(means), bool)
-    for start in range(0, len(means), ROWS):
-        rows = means[start : start + ROWS, None].astype(np.float64)  # [R, 1, 3]
-        near[start : start + ROWS] = (np.square(rows - positions).sum(axis=2) < distance**2).any(axis=1)
+    near, count = np.zeros(len(means), bool), max(1, PAIRS // len(positions))
+    for start in range(0, len(means), count):
+        rows = means[start : start + count, None].astype(np.float64)  # [R, 1, 3]
+        near[start : start + count] = (np.square(rows - positions).sum(axis=2) < distance**2).any(axis=1)
     return near
 
 

@@ -3,6 +3,7 @@
 import gc
 import json
 import shutil
+import tracemalloc
 import weakref
 from dataclasses import replace
 from pathlib import Path
@@ -216,6 +217,18 @@ def test_near_cameras_finds_what_brute_force_finds():
     means, positions = rng.normal(size=(3000, 3)).astype(np.float32), rng.normal(size=(20, 3))
     expected = [any(np.linalg.norm(mean - position) < 0.4 for position in positions) for mean in means.astype(float)]
     assert near_cameras(means, positions, 0.4).tolist() == expected and 0 < sum(expected) < 3000
+
+
+def test_near_cameras_takes_no_more_memory_where_cameras_are_many():
+    """Of a thousand, the distances of 60,000 primitives would be 1.4 GB at once."""
+    rng = np.random.default_rng(0)
+    means, positions = rng.normal(size=(20_000, 3)), rng.normal(size=(1000, 3)) + 100
+    means[[7, 19_999]] = positions[[3, 999]]
+    tracemalloc.start()
+    near = near_cameras(means, positions, 0.01)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert np.flatnonzero(near).tolist() == [7, 19_999] and peak < 100e6
 
 
 def with_seven_beside_a_camera(dataset: Dataset) -> Trainer:
