@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..datasets import load_dataset
+from ..datasets import load_largest
 from ..datasets.dataset import counted_order
 from ..datasets.world import read_world
 from ..formats.model import Model
@@ -66,7 +66,7 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
         if not model.is_file():
             raise DataError(model, "no such file", "give a run folder that is complete, or a model")
     read = read_model(model)
-    dataset = load_dataset(data, on_disk=True) if data else None
+    dataset = load_largest(data)[0] if data else None
     views = sorted(dataset.views, key=lambda view: counted_order(view.name)) if dataset else []
     said_by_run = Drawing(trained.get("antialiased"), trained.get("near_clip"))
     drawn = drawn_as(options.drawing, said_by_run, read.drawing)
