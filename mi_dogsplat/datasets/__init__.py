@@ -10,7 +10,18 @@ from .check import CameraCheck, check_cameras
 from .dataset import Dataset, Observations, View, camera_extent
 from .run_folders import refuse_run
 
-__all__ = ["CameraCheck", "Dataset", "Observations", "View", "camera_extent", "check_cameras", "load_dataset"]
+__all__ = [
+    "CameraCheck", "Dataset", "Observations", "View", "camera_extent", "check_cameras", "load_dataset", "load_largest",
+]  # fmt: skip
+
+
+def load_largest(path: str | Path, spp: int = 64) -> tuple[Dataset, int]:
+    """A data set whose cameras are asked for: with the largest images that there are, none decoded before it is asked
+    for, and their ``largest_images``. Raises ``DataError``."""
+    from .colmap import largest_images  # here: as below
+
+    factor = largest_images(Path(path))
+    return load_dataset(path, factor, spp, on_disk=True), factor
 
 
 def load_dataset(

@@ -134,6 +134,14 @@ def image_folder(path: Path, model: Path) -> Path:
     return folder
 
 
+def largest_images(path: Path) -> int:
+    """By which factor the largest images of a data set are smaller than its cameras: above 1 where a folder with a
+    COLMAP model has no ``images``, but smaller ones. Raises ``DataError``."""
+    model = find_model(path) if path.is_dir() else None
+    folder = image_folder(path, model) if model else path
+    return 1 if folder.is_dir() or not model else _smaller_ones(folder)[0]
+
+
 def _smaller_ones(folder: Path) -> list[int]:
     """By which factors there are folders of smaller images beside that of the images, in their order."""
     names = (path.name.removeprefix("images_") for path in folder.parent.glob("images_*") if path.is_dir())

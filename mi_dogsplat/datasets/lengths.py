@@ -52,15 +52,16 @@ def length_in_units(ends: tuple[str, str], standpoints: Mapping[str, Standpoint]
     return length
 
 
-def standpoints_of(dataset: Dataset) -> dict[str, Standpoint]:
-    """Those of the views of a data set that was read at its full size."""
-    return {view.name: _of_view(view, dataset) for view in dataset.views}
+def standpoints_of(dataset: Dataset, factor: int = 1) -> dict[str, Standpoint]:
+    """Those of the views of a data set whose images are smaller by this factor than at their full size."""
+    return {view.name: _of_view(view, dataset, factor) for view in dataset.views}
 
 
-def _of_view(view: View, dataset: Dataset) -> Standpoint:
+def _of_view(view: View, dataset: Dataset, factor: int) -> Standpoint:
     camera, seen = view.camera, dataset.observations.get(view.name)
 
     def ray(pixel: np.ndarray) -> np.ndarray:
+        pixel = pixel / factor
         x, y = (view.straight.points(pixel[None])[0] if view.straight else pixel) - (camera.cx, camera.cy)
         return camera.c2w[:3, :3] @ _unit(np.array([x / camera.fx, y / camera.fy, 1.0]))
 

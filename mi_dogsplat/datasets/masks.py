@@ -64,14 +64,23 @@ def mask_files(folder: Path) -> dict[str, Path]:
     """The masks of a folder, by the ``composed`` names of the views that they are of."""
     paths: dict[str, Path] = {}
     found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
-    for path in found:
-        image = path.relative_to(folder)
-        if Path(image.stem).suffix.lower() in SUFFIXES:
-            image = image.with_suffix("")
-        paths.setdefault(composed(view_name(str(image))), path)
-    for path in found:  # an image may itself be called 1.jpg.png
-        paths.setdefault(composed(view_name(str(path.relative_to(folder)))), path)
+    names = [_views_of(path.relative_to(folder)) for path in found]
+    for likely in (0, 1):
+        for path, views in zip(found, names, strict=True):
+            paths.setdefault(views[likely], path)
     return paths
+
+
+def folder_of_masks(mask: Path, view: str) -> Path | None:
+    """The folder in which ``Masks`` takes a file for the mask of a view; None where it is named otherwise."""
+    return next((above for above in mask.parents if composed(view) in _views_of(mask.relative_to(above))), None)
+
+
+def _views_of(mask: Path) -> tuple[str, str]:
+    """The ``composed`` names of the views that a mask may be of, by its path in the folder, the likelier one first: an
+    image may itself be called 1.jpg.png."""
+    image = mask.with_suffix("") if Path(mask.stem).suffix.lower() in SUFFIXES else mask
+    return composed(view_name(str(image))), composed(view_name(str(mask)))
 
 
 def require_white(path: Path, brightest: float) -> None:

@@ -21,6 +21,7 @@ from .colmap_beside import points_beside
 from .dataset import Dataset, every_eighth, held_out, require_unique_names, view_name, views_named
 from .frame_cameras import camera_of, lens_of, merged, pose_of
 from .images import is_file, named_file
+from .masks import folder_of_masks
 from .point_ply import read_point_ply
 from .view_images import ViewSource, load_views, require_files
 
@@ -138,9 +139,11 @@ def not_read(path: Path) -> list[str]:
     if not file:
         return []
     lines, frames = [], [frame for frame in _parse(file)["frames"] if isinstance(frame, dict)]
-    if masks := [str(frame[MASK]) for frame in frames if frame.get(MASK)]:
-        folder = (file.parent / masks[0].replace("\\", "/")).parent
-        lines.append(f'the "{MASK}" of {len(masks)} of its frames, which --masks {folder} would follow')
+    if masked := [frame for frame in frames if frame.get(MASK)]:
+        mask = file.parent / str(masked[0][MASK]).replace("\\", "/")
+        folder = folder_of_masks(mask, _view_name(masked[0]))
+        use = f"which --masks {folder} would follow" if folder else "whose names --masks takes from those of the images"
+        lines.append(f'the "{MASK}" of {len(masked)} of its frames, {use}')
     images = (_image_path(file.parent, str(frame.get("file_path", ""))) for frame in frames)
     if n := sum(is_file(image.with_name(f"{REPELLING}{image.stem}.png")) for image in images if image.name):
         like = "a folder with their negatives, named as the images"
@@ -179,8 +182,12 @@ def _sources(file: Path, content: dict[str, Any]) -> list[ViewSource]:
             if isinstance(error, DataError):
                 raise
             raise DataError(file, f'frame "{name}": {error}', remedy) from error
-        sources.append(ViewSource(view_name(str(frame.get(NAME) or name)), image_path, camera, lens))
+        sources.append(ViewSource(_view_name(frame), image_path, camera, lens))
     return sources
+
+
+def _view_name(frame: dict[str, Any]) -> str:
+    return view_name(str(frame.get(NAME) or frame.get("file_path", "")))
 
 
 def _image_path(folder: Path, name: str) -> Path:

@@ -103,8 +103,8 @@ def up_as_held(cameras: Sequence[Camera]) -> str | None:
 
 def metres_of_unit(data: str | Path, scale: tuple[str, str, str]) -> float:
     """Metres of a unit by a ``Length`` in a data set. Raises ``DataError``."""
-    from . import load_dataset  # here: photographs need the extra "train"
+    from . import load_largest  # here: photographs need the extra "train"
     from .lengths import length_in_units, standpoints_of
 
-    dataset = load_dataset(data, spp=1, on_disk=True)  # at full size, without decoding an image
-    return metres(scale) / length_in_units(scale[:2], standpoints_of(dataset))
+    dataset, factor = load_largest(data, spp=1)
+    return metres(scale) / length_in_units(scale[:2], standpoints_of(dataset, factor))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..datasets import load_dataset
+from ..datasets import load_largest
 from ..datasets.dataset import counted_order
 from ..datasets.world import read_world
 from ..scene.cameras import Camera
@@ -35,6 +35,6 @@ def data_cameras(data: str | Path | None) -> DataCameras:
     """Those of a data set; of None there are none. Raises ``DataError``."""
     if not data:
         return DataCameras()
-    dataset = load_dataset(data, on_disk=True)
+    dataset = load_largest(data)[0]
     views = sorted(dataset.views, key=lambda view: counted_order(view.name))
     return DataCameras([view.camera for view in views], read_world(dataset.path).up, dataset.has_alpha)

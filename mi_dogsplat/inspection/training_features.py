@@ -21,9 +21,9 @@ STATE = 3 * FLOAT  # bytes beside a parameter in training: its gradient and two 
 
 def dataset_features(path: Path) -> list[Feature]:
     """What training on a data set will need, whatever the recipe."""
-    from ..datasets import load_dataset  # here: it needs the extra "train"
+    from ..datasets import load_largest  # here: it needs the extra "train"
 
-    dataset = load_dataset(path, spp=SCENE_SPP, on_disk=True)
+    dataset, _ = load_largest(path, SCENE_SPP)
     sizes = {(view.camera.width, view.camera.height) for view in dataset.views}
     points, alpha, tests = len(dataset.points), dataset.has_alpha, len(dataset.test)
     masks = "laid over the background once, as the images are read: nothing per step"

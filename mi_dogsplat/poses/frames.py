@@ -44,6 +44,11 @@ def take_frames(
             progress(chosen.index(index) + 1, len(chosen))
         if index == chosen[-1]:
             break
-    with Image.open(folder / names[chosen[0]]) as image:
+    return [_photograph(folder / name) for name in names.values()]
+
+
+def _photograph(file: Path) -> Photograph:
+    """A frame that was written. A call or a stream may go on in another size, which then is a camera of its own."""
+    with Image.open(file) as image:
         width, height = image.size
-    return [Photograph(name, width, height, "video", None) for name in names.values()]
+    return Photograph(file.name, width, height, f"video {width}x{height}", None)

@@ -13,6 +13,7 @@ from ..datasets.run_folders import refuse_run
 from ..datasets.transforms import find_transforms
 from ..support.errors import DataError
 from ..support.run_files import are_of_run
+from ..support.wording import counted
 from .config import SETTINGS
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")
@@ -21,6 +22,7 @@ RAW = (
     ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".rwl", ".srw", ".pef",
     ".3fr", ".fff", ".iiq", ".x3f", ".gpr", ".mrw", ".erf", ".dcr", ".kdc",
 )  # fmt: skip
+MASKS = "masks"  # the name of their folder
 FEWEST = 2
 OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
 
@@ -57,17 +59,37 @@ def find_photographs(folder: Path, out: Path, masks: Path | None = None) -> dict
         problem = f"{kind} images cannot be read here ({len(unread)} of {len(unread) + len(found)} are such)"
         raise DataError(unread[0], problem, "export them as JPEG or PNG, in the size in which they were taken")
     if len(found) < FEWEST:
-        videos = _files(top, VIDEOS)
+        videos, beside = _files(top, VIDEOS), _beside(folder)
         remedy = f"name the video itself: {videos[0]}" if videos else "give at least two that overlap, better 20 to 200"
+        remedy = f"move the {counted(len(beside), 'image')} beside it into it, or rename it" if beside else remedy
         n = "no image" if not found else "a single image"
-        raise DataError(folder, f"has {n}, and depth shows in several alone", remedy)
+        raise DataError(top, f"has {n}, and depth shows in several alone", remedy)
     return {path.relative_to(top).as_posix(): path for path in found}
 
 
+def not_taken(source: Path, masks: Path | None = None) -> list[str]:
+    """Photographs that ``find_photographs`` leaves out though they are neither copies nor masks, in a line."""
+    beside = _beside(source)
+    if not beside or (masks is not None and masks.resolve() == source.resolve()):
+        return []
+    only = f"there is {source / 'images'}, and only what is in that is taken; move them into it, or rename it"
+    return [f"{counted(len(beside), 'image')} of this folder, such as {beside[0].name}: {only}"]
+
+
+def _beside(folder: Path) -> list[Path]:
+    """Images that lie in a folder itself, beside the one called ``images``, of which those are taken."""
+    if not (folder / "images").is_dir():
+        return []
+    suffixes = (*SUFFIXES, *PHONES, *RAW)
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in suffixes and p.name[0] != "." and p.is_file())
+
+
 def mask_folder(source: Path, given: str | None) -> Path | None:
-    """The folder of masks that was given, or the one beside the images; None without one. Raises ``DataError``."""
+    """The folder of masks that was given, or the one beside the images, in any case, as Windows and macOS have it;
+    None without one. Raises ``DataError``."""
     if given is None:
-        return source / "masks" if (source / "masks").is_dir() else None
+        beside = [p for p in source.iterdir() if p.name.lower() == MASKS and p.is_dir()] if source.is_dir() else []
+        return max(beside, default=None)  # the usual spelling, where there are several
     if not Path(given).is_dir():
         raise DataError(given, "no such folder", "give a folder with a mask per image")
     return Path(given)
@@ -94,11 +116,11 @@ def require_input(path: Path) -> None:
 
 
 def _files(top: Path, suffixes: tuple[str, ...], without: Collection[Path] = ()) -> list[Path]:
-    """Files with one of the suffixes, of whatever case, sorted; none of folders called ``masks``, of hidden ones, of
+    """Files with one of the suffixes, of whatever case, sorted; none of folders called ``MASKS``, of hidden ones, of
     folders that were made here, nor of those ``without``, paths without links."""
     found = []
     for folder, names, files in os.walk(top):
-        names[:] = [name for name in names if name != "masks" and name[0] != "."]
+        names[:] = [name for name in names if name.lower() != MASKS and name[0] != "."]
         if Path(folder) != top and (Path(folder).resolve() in without or _made_here(files)):
             names.clear()
             continue

@@ -6,8 +6,9 @@ import struct
 import numpy as np
 import pytest
 from dataset_folders import HEIGHT, N_VIEWS, WIDTH, colmap_folder, error_of, write_images
-from mi_dogsplat.datasets import check_cameras, load_dataset
-from mi_dogsplat.datasets.world import World, world_of, write_world
+from mi_dogsplat.datasets import check_cameras, load_dataset, load_largest
+from mi_dogsplat.datasets.world import World, metres_of_unit, world_of, write_world
+from mi_dogsplat.inspection.dataset import describe_dataset
 from PIL import Image
 
 
@@ -39,6 +40,24 @@ def test_smaller_images_do_without_those_at_full_size(tmp_path):
     for downscale in (1, 2):
         said = "images: no such folder, only images_3; give --downscale 3, or put the images at full size there"
         assert said in error_of(tmp_path, downscale=downscale)
+
+
+def test_what_asks_for_cameras_alone_takes_the_largest_images_that_are_there(tmp_path):
+    """``dogsplat info``, ``film`` and ``--scale``, which have no --downscale."""
+    colmap_folder(tmp_path)
+    info = describe_dataset(tmp_path)
+    scale = ("img_01:10.9,7.5+img_09:14.1,7.5", "img_02", "2")  # the point (0, 0, 5)
+    length = metres_of_unit(tmp_path, scale)
+    np.testing.assert_allclose(length, 2 / np.hypot(0.2, 5), rtol=1e-6)
+    for k, size in ((3, (WIDTH // 3, HEIGHT // 3)), (4, (WIDTH // 4, HEIGHT // 4))):
+        write_images(tmp_path / f"images_{k}", [f"img_{i:02d}.png" for i in range(N_VIEWS)], size)
+    shutil.rmtree(tmp_path / "images")
+    dataset, factor = load_largest(tmp_path)
+    assert factor == 3 and dataset.train[0].camera.width == WIDTH // 3
+    np.testing.assert_allclose(metres_of_unit(tmp_path, scale), length)
+    smaller = describe_dataset(tmp_path)
+    (images,) = [line for line in smaller if "--downscale" in line]
+    assert images.endswith("none at full size, only those for --downscale 3") and len(smaller) == len(info)
 
 
 @pytest.mark.parametrize("before", ["images/", "images\\", "/home/somebody/photos/", "C:\\photos\\of it\\", "left/"])

@@ -14,7 +14,7 @@ from dataset_folders import (
 )
 from icc_profiles import DISPLAY_P3, SRGB_CURVE, profile, srgb_of
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.datasets.masks import mask_files
+from mi_dogsplat.datasets.masks import Masks, mask_files
 from mi_dogsplat.datasets.transforms import not_read
 from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL, affine
 from mi_dogsplat.scene.orientation import rotation_between
@@ -125,6 +125,21 @@ def test_masks_that_frames_name_are_said_not_to_be_read(tmp_path):
     assert also.startswith("the dynamic_mask_*.png of 1 of its images, white where nothing counts")
     colmap_folder(tmp_path)  # is what is read then
     assert not_read(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "mask, folder", [("masks/left/r_0.png", "masks"), ("masks/left_r_0.png", "masks"), ("m/left/m_0.png", None)]
+)
+def test_the_folder_of_masks_that_is_named_is_one_that_masks_are_found_in(tmp_path, mask, folder):
+    transforms_folder(tmp_path, folder="images/left")
+    content = json.loads((tmp_path / "transforms.json").read_text())
+    content["frames"][0]["mask_path"] = mask
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    write_images(tmp_path, [mask])
+    (said,) = not_read(tmp_path)
+    assert f"--masks {tmp_path / folder} would follow" in said if folder else "--masks takes from those of" in said
+    if folder:
+        Masks(tmp_path / folder, load_dataset(tmp_path).views)  # which raises where it finds none
 
 
 def test_points_come_from_the_named_ply_and_wrong_poses_are_caught_by_them(tmp_path):

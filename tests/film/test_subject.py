@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import tiny_data
 from command_line import run
+from dataset_folders import colmap_folder, write_images
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.make import make_film
 from mi_dogsplat.film.subject import read_subject
@@ -41,6 +42,17 @@ def test_an_orbit_goes_around_what_is_up_by_the_data_where_the_model_does_not_sa
     for said, up in (({"up": "x"}, (1, 0, 0)), ({"scale": 2.0}, held)):
         (data / "world.json").write_text(json.dumps(said))
         np.testing.assert_array_equal(read_subject(model, data, PictureOptions()).up, up)
+
+
+def test_a_film_takes_the_cameras_of_smaller_images_where_there_are_no_others(model, tmp_path):
+    """Those that ``train --downscale 4`` is content with."""
+    colmap_folder(tmp_path)
+    cameras = read_subject(model, tmp_path, PictureOptions()).data.cameras
+    (tmp_path / "images").rename(tmp_path / "whole")
+    write_images(tmp_path / "images_4", [path.name for path in (tmp_path / "whole").iterdir()], (5, 4))
+    found = read_subject(model, tmp_path, PictureOptions()).data.cameras
+    np.testing.assert_array_equal([camera.w2c for camera in found], [camera.w2c for camera in cameras])
+    assert found[0].width == 5
 
 
 def test_a_run_finds_its_data_from_another_working_folder(model, data, tmp_path, monkeypatch):

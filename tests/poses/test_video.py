@@ -113,6 +113,19 @@ def test_frames_that_are_missing_are_taken_from_the_same_places(tmp_path, monkey
     assert (tmp_path / "images" / names[2]).read_bytes() == before
 
 
+def test_a_video_that_goes_on_in_another_size_has_a_camera_for_each(tmp_path):
+    frames = panned(np.arange(0, 60, 3.0))
+    write_video(tmp_path / "a.ts", frames[:10])
+    write_video(tmp_path / "b.ts", [frame[:64, :128] for frame in frames[10:]])
+    (tmp_path / "walk.mts").write_bytes((tmp_path / "a.ts").read_bytes() + (tmp_path / "b.ts").read_bytes())
+    images = tmp_path / "images"
+    made = take_frames(tmp_path / "walk.mts", tmp_path / "frames.json", images, 10, lambda done, of: None)
+    for photograph in made:
+        with Image.open(images / photograph.name) as image:
+            assert image.size == (photograph.width, photograph.height)
+    assert {(p.camera, p.width) for p in made} == {("video 160x96", 160), ("video 128x64", 128)}
+
+
 def turned_clockwise(video: Path, out: Path) -> None:
     data = video.read_bytes()
     at = data.index(IDENTITY, data.index(b"tkhd"))
