@@ -77,6 +77,13 @@ def test_a_compressed_ply_is_one_after_long_comments(tmp_path):
     assert np.array_equal(read_model(path).splats.means, expected.means)
 
 
+def test_a_compressed_ply_without_its_chunks_is_refused(tmp_path):
+    path = written(tmp_path / "a.compressed.ply", foreign_model.model())
+    path.write_bytes(path.read_bytes().replace(b"element chunk", b"element other", 1))
+    with pytest.raises(DataError, match="no chunks of packed primitives; give a compressed PLY"):
+        read_model(path)
+
+
 def test_coefficients_of_a_compressed_ply_go_by_the_names_of_their_columns(tmp_path):
     path = written(tmp_path / "a.compressed.ply", foreign_model.model())
     expected = read_model(path).splats.sh_coeffs
