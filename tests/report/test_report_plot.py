@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 from mi_dogsplat.report.plot import WIDTH, Lane, Series, line_plot
-from mi_dogsplat.report.smoothing import MAX_POINTS, thinned
+from mi_dogsplat.report.smoothing import MAX_POINTS, running_mean, thinned
 from mi_dogsplat.report.ticks import log_ticks, nice_ticks, number, numbers
 
 
@@ -76,6 +76,17 @@ def test_thinning_keeps_spikes_and_order():
     thin_x, thin_y = thinned(x, y)
     assert len(thin_x) <= MAX_POINTS and np.all(np.diff(thin_x) > 0)
     assert thin_y.max() == 9 and thin_y.min() == -9
+
+
+@pytest.mark.parametrize(("n", "rows"), [(39, 1), (40, 3), (159, 3), (160, 5), (400, 11)])
+def test_a_running_mean_is_over_an_odd_fortieth_of_the_rows_around_each_without_gaps(n, rows):
+    y = np.random.default_rng(0).normal(size=n)
+    y[[7, 20, 21, 22]] = np.nan
+    found, spanned = running_mean(y)
+    around = [y[max(0, i - rows // 2) : i + rows // 2 + 1] for i in range(n)]
+    expected = [np.nanmean(part) if np.isfinite(part).any() else 0 for part in around]
+    assert spanned == rows
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_a_gap_at_the_end_still_belongs_to_the_axis():
