@@ -337,7 +337,7 @@ GOOD = {"position": [3, 0, 0], "look_at": [0, 0, 0]}
         ({"keys": [GOOD], "up": [10**400, 0, 1]}, '"up" is not 3 numbers'),
         ([{**GOOD, "time": time, "fov": 40 if time < 5 else 25} for time in (0, 4.999, 5, 60)], '"fov" changes so'),
         ([{"w2c": np.eye(4).tolist(), "fx": 1e-300, "width": 9, "height": 9}, GOOD], "key 0: its position is beyond"),
-        ([{"w2c": affine(np.eye(3), [0, 1e16, 0]).tolist(), "fx": 9, "width": 9, "height": 9}], "its position is beyond"),
+        ([{"w2c": affine(np.eye(3), [0, 1e16, 0]).tolist(), "fx": 9, "width": 9, "height": 9}], "its position is"),
         ([{"w2c": np.eye(4).tolist(), "fx": 9, "cx": 1e20, "width": 9, "height": 9}, GOOD], "its principal point is"),
     ],
 )
