@@ -2,9 +2,12 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from mi_dogsplat.report.curves import _abscissas
 from mi_dogsplat.report.plot import WIDTH, Lane, Series, line_plot
 from mi_dogsplat.report.smoothing import MAX_POINTS, running_mean, thinned
 from mi_dogsplat.report.ticks import log_ticks, nice_ticks, number, numbers
@@ -68,6 +71,14 @@ def test_numbers_on_an_axis_say_where_its_ticks_are_however_near_to_each_other(l
     ticks = nice_ticks(low, high, 5)
     values = [float(words.replace("k", "e3").replace("M", "e6")) for words in numbers(ticks)]
     np.testing.assert_allclose(values, ticks, atol=0.011 * (ticks[1] - ticks[0]))
+
+
+@pytest.mark.parametrize(("longest", "unit", "last"), [(100.0, "s", 100.0), (600.0, "min", 10.0), (14_400.0, "h", 4.0)])
+def test_run_times_are_in_the_unit_that_their_axis_names(longest, unit, last):
+    columns = {"seconds": np.array([0, longest]), "step": np.array([0.0, 30])}
+    run: Any = SimpleNamespace(column=columns.__getitem__)
+    (label, times), (step, steps) = _abscissas(run)
+    assert (label, step, times.tolist(), steps.tolist()) == (f"run time, {unit}", "step", [0, last], [0, 30])
 
 
 def test_thinning_keeps_spikes_and_order():
