@@ -72,11 +72,11 @@ def write_model(
         splats = splats.select(chosen.order(splats))
     if chosen.turn:
         splats = turned(splats, chosen.turn)
-    said = replace(model.drawing, linear=None) if silent else model.drawing
     if chosen is SPZ and spz_version == 4:
+        said = replace(model.drawing, linear=None) if silent else model.drawing
         write_bytes(path, rewrapped(path, encode_spz(splats, said)))
     else:
-        chosen.write(path, replace(model, splats=splats, drawing=said))
+        chosen.write(path, replace(model, splats=splats))
     return lost
 
 

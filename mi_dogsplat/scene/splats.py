@@ -285,7 +285,7 @@ class Splats:
         for k, other in enumerate(others, 1):
             require_class(f"Splats.joined: model {k}", other, Splats, remedy)
         parts = [part for part in (self, *others) if part.n_splats] or [self]
-        if len({part.sh_coeffs.shape[1] for part in parts}) > 1 or any(part.mixed_sh for part in parts):
+        if len({part.sh_coeffs.shape[1] for part in parts}) > 1:
             parts = [part._in_groups_of_sh() for part in parts]
         arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in DENSE}
         firsts = np.cumsum([0, *(part.n_splats for part in parts[:-1])])  # of each part, its row in the whole

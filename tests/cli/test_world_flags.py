@@ -43,6 +43,8 @@ def test_flags_come_before_what_a_model_says(capsys, model, data, tmp_path):
     assert said(out) == (TILTED, 0.5) and np.array_equal(read_model(out).splats.means, read_model(model).splats.means)
     assert run(capsys, "clean", out, "-o", tmp_path / "b.ply", "--up", "z")[0] == 0
     assert said(tmp_path / "b.ply") == ("z", 0.5)
+    assert run(capsys, "export", out, "-o", tmp_path / "d.ply", "--views", 0)[0] == 0  # nor does that turn any number
+    assert np.array_equal(read_model(tmp_path / "d.ply").splats.means, read_model(model).splats.means)
     apart = np.linalg.norm(tiny_data.cameras()[0].position - tiny_data.cameras()[4].position)
     measured = "--data", data, "--scale", "0", "4", "3", "--views", 0
     assert run(capsys, "export", out, "-o", tmp_path / "c.glb", *measured)[0] == 0

@@ -4,10 +4,13 @@ from pathlib import Path
 
 import pytest
 from mi_dogsplat.compare import method_runs
+from mi_dogsplat.compare.methods import METHODS
+from mi_dogsplat.report.run_folder import METRICS
 from mi_dogsplat.runs.checkpoint import CHECKPOINT
 from mi_dogsplat.runs.resume import require_no_stopped_run
 from mi_dogsplat.support.files import write_json
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.presets import RECIPES
 
 
 @pytest.mark.parametrize("same", [True, False])
@@ -26,3 +29,17 @@ def test_a_run_that_was_cut_off_goes_on_and_one_of_another_recipe_begins_anew(tm
     monkeypatch.setattr(method_runs, "train", train)
     method_runs.train_method(TrainConfig("photos"), "3dgs", tmp_path, tmp_path / "start")
     assert goes_on == [same] and (tmp_path / CHECKPOINT).exists() == same
+
+
+def test_a_run_of_an_earlier_version_is_complete_though_it_did_not_write_down_what_is_usual(tmp_path):
+    method = next(method for method in METHODS.values() if method.recipe == RECIPES["ours"])
+    recipe = method_runs.recipe_of(method)
+    assert recipe["recipe"]["refinement"].pop("growth_gain") == 1.0
+    recipe["recipe"]["score"]["curve"] = None  # nor is this one any more
+    write_json(tmp_path / method_runs.RECIPE, recipe)
+    assert not method_runs.is_complete(tmp_path, method)
+    write_json(tmp_path / METRICS, {})
+    assert method_runs.is_complete(tmp_path, method)
+    recipe["recipe"]["refinement"]["gain"] += 1
+    write_json(tmp_path / method_runs.RECIPE, recipe)
+    assert not method_runs.is_complete(tmp_path, method)

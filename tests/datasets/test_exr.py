@@ -1,5 +1,6 @@
 """OpenEXR files as pictures: windows, parts, layers, kinds of values, and what is wrong with bad ones."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,24 @@ def test_halves_and_floats_are_read_as_they_are_with_alpha_where_there_is_one(tm
     path = write(tmp_path / "b.exr", {name: np.ascontiguousarray(rgba[..., c]) for c, name in enumerate("RGB")})
     np.testing.assert_array_equal(read_exr(path), rgba[..., :3].astype(np.float32))
     assert exr_header(path) == ((9, 6), False)
+
+
+@pytest.mark.parametrize(("across", "down"), [(2, 1), (1, 2)])
+def test_channels_of_fewer_pixels_than_others_are_refused(tmp_path, across, down):
+    """As of YCbCr: of R, the last in a line, every second pixel or line is there alone."""
+    path = write(tmp_path / "a.exr", {"RGB": RGB[:4, :4].copy()}, compression=OpenEXR.NO_COMPRESSION)
+    data = path.read_bytes()
+    at = data.index(b"R\0" + struct.pack("<I", 2), data.index(b"chlist\0")) + 10
+    first = data.index(struct.pack("<II", 0, 48))  # line 0, of 48 bytes
+    lines, places, begin = [], [], first
+    for y in range(4):
+        values = np.ones(8 + (4 // across if y % down == 0 else 0), "<f4").tobytes()
+        lines.append(struct.pack("<II", y, len(values)) + values)
+        places.append(begin)
+        begin += len(lines[-1])
+    header = data[:at] + struct.pack("<II", across, down) + data[at + 8 : first - 32]
+    path.write_bytes(header + struct.pack("<4Q", *places) + b"".join(lines))
+    assert "has channels of fewer pixels than others" in error_of(path)
 
 
 @pytest.mark.parametrize("name", COMPRESSIONS)

@@ -117,6 +117,7 @@ def test_masks_that_frames_name_are_said_not_to_be_read(tmp_path):
     content = json.loads((tmp_path / "transforms.json").read_text())
     for i in (0, 2):
         content["frames"][i]["mask_path"] = f"masks/r_{i}.png"
+    content["frames"].append(3)  # the reader refuses it in words
     (tmp_path / "transforms.json").write_text(json.dumps(content))
     said = f'the "mask_path" of 2 of its frames, which --masks {tmp_path / "masks"} would follow'
     assert not_read(tmp_path) == not_read(tmp_path / "transforms.json") == [said]

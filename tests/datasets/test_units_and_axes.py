@@ -128,6 +128,16 @@ def test_a_plus_may_stand_in_the_name_of_an_image_that_is_marked():
         assert length_in_units(ends, {left: at(0), right: at(2)}) == pytest.approx(1)
 
 
+def test_marks_on_one_ray_are_refused_though_the_product_of_unit_vectors_may_exceed_1():
+    rays = np.random.default_rng(0).normal(size=(40, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    assert max(float(ray @ ray) for ray in rays) > 1
+    for ray in rays:
+        at = {name: Standpoint(np.zeros(3), lambda _, ray=ray: ray) for name in ("a", "b")}
+        with pytest.raises(DataError, match="look at it from one side"):
+            length_in_units(("a:1,1+b:1,1", "b"), at)
+
+
 def test_cameras_held_anyhow_say_nothing():
     rng = np.random.default_rng(0)
 

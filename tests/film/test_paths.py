@@ -133,14 +133,17 @@ def test_an_orbit_begins_where_the_model_is_framed_from():
 
 
 def test_an_orbit_of_a_data_set_stands_on_the_ring_of_its_cameras():
-    cameras = [c for i, c in enumerate(tiny_data.cameras(16)) if i % 2]  # one height
+    offset = np.array([40.0, -7.0, 3.0])
+    shift = affine(np.eye(3), -offset)  # away from the origin
+    cameras = [replace(c, w2c=c.w2c @ shift) for i, c in enumerate(tiny_data.cameras(16)) if i % 2]  # one height
     around = around_cameras(cameras, up_of_cameras(np.stack([camera.c2w for camera in cameras])), None)
-    np.testing.assert_allclose(around.centre, 0, atol=1e-9)
+    np.testing.assert_allclose(around.centre, offset, atol=1e-9)
     np.testing.assert_allclose(around.up, Z, atol=1e-9)
     path = orbit(around, FilmConfig())
     np.testing.assert_allclose(positions(path, np.arange(8) / 8), [c.position for c in cameras], atol=1e-9)
     assert path.at(0.3).focal == pytest.approx(focal_of_camera(cameras[0]))
-    np.testing.assert_allclose(positions(orbit(around, FilmConfig(zoom=2)), [0.0]) * 2, positions(path, [0.0]))
+    nearer = positions(orbit(around, FilmConfig(zoom=2)), [0.0])
+    np.testing.assert_allclose((nearer - offset) * 2, positions(path, [0.0]) - offset)
 
 
 @pytest.mark.parametrize("trembling", [0, 1e-9, 1e-3])
@@ -334,6 +337,7 @@ GOOD = {"position": [3, 0, 0], "look_at": [0, 0, 0]}
         ({"keys": [GOOD], "up": [10**400, 0, 1]}, '"up" is not 3 numbers'),
         ([{**GOOD, "time": time, "fov": 40 if time < 5 else 25} for time in (0, 4.999, 5, 60)], '"fov" changes so'),
         ([{"w2c": np.eye(4).tolist(), "fx": 1e-300, "width": 9, "height": 9}, GOOD], "key 0: its position is beyond"),
+        ([{"w2c": affine(np.eye(3), [0, 1e16, 0]).tolist(), "fx": 9, "width": 9, "height": 9}], "its position is"),
         ([{"w2c": np.eye(4).tolist(), "fx": 9, "cx": 1e20, "width": 9, "height": 9}, GOOD], "its principal point is"),
     ],
 )

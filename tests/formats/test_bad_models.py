@@ -183,8 +183,10 @@ def test_a_model_with_a_position_that_is_none_is_not_written(tmp_path, suffix):
 
 
 def test_of_rows_that_are_not_finite_the_primitive_is_named(tmp_path):
-    slopes = {"slope_index": [2, 5], "color_slopes": [np.zeros((3, 3)), np.full((3, 3), np.inf)]}
-    with pytest.raises(DataError, match="has values of color_slopes that are not finite: 9, the first in primitive 5"):
+    values = np.zeros((3, 3, 3))
+    values[1, 2, 0], values[2] = np.nan, np.inf
+    slopes = {"slope_index": [2, 5, 7], "color_slopes": values}
+    with pytest.raises(DataError, match="has values of color_slopes that are not finite: 10, the first in primitive 5"):
         write_model(tmp_path / "a.compressed.ply", replace(foreign_model.model(), **slopes))
 
 

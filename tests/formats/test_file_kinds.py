@@ -11,6 +11,7 @@ from mi_dogsplat.formats.read import size_of
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.scene.drawing import comments_of, drawing_of
 from mi_dogsplat.scene.orientation import AXES
+from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.support.errors import DataError
 from ply_files import random_splats, to_bytes, vertex_columns
 from written_models import written
@@ -76,6 +77,13 @@ def test_a_compressed_ply_is_one_after_long_comments(tmp_path):
     assert np.array_equal(read_model(path).splats.means, expected.means)
 
 
+def test_a_compressed_ply_without_its_chunks_is_refused(tmp_path):
+    path = written(tmp_path / "a.compressed.ply", foreign_model.model())
+    path.write_bytes(path.read_bytes().replace(b"element chunk", b"element other", 1))
+    with pytest.raises(DataError, match="no chunks of packed primitives; give a compressed PLY"):
+        read_model(path)
+
+
 def test_coefficients_of_a_compressed_ply_go_by_the_names_of_their_columns(tmp_path):
     path = written(tmp_path / "a.compressed.ply", foreign_model.model())
     expected = read_model(path).splats.sh_coeffs
@@ -113,6 +121,19 @@ def test_a_splat_that_begins_as_other_files_do_is_one_by_its_name(tmp_path, star
     path = written(tmp_path / "a.splat", foreign_model.model())
     path.write_bytes(start + path.read_bytes()[len(start) :])
     assert read_model(path).splats.n_splats == foreign_model.N
+
+
+def test_a_splat_has_the_bytes_that_other_programs_know(tmp_path):
+    """Rotations (w, x, y, z) as 128 q + 128, colours and opacity as 255ths."""
+    model = random_splats(1, 0, ())
+    model.quats[:], model.logit_opacities[:] = [0.5, -0.5, 0.5, -0.5], 0
+    model.sh_coeffs[:] = (np.array([1, 0.2, 0.6]) - 0.5) / C0
+    path = written(tmp_path / "a.splat", model)
+    data = path.read_bytes()
+    assert len(data) == 32 and list(data[24:]) == [255, 51, 153, 128, 64, 192, 64, 192]
+    assert np.frombuffer(data[:24], "<f4") == pytest.approx([*model.means[0], *np.exp(model.log_scales[0])])
+    path.write_bytes(data[:28] + bytes([255, 128, 128, 0]))
+    assert read_model(path).splats.quats.tolist() == [[0, 0, -1, 127 / 128]]
 
 
 def test_an_unbundled_sog_is_read_from_its_meta(tmp_path):

@@ -64,6 +64,13 @@ def decoded(name: str, model: Splats, folder: Path) -> Splats:
     return READ[name](path).splats
 
 
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_quaternion_of_zeros_is_no_turn(name, tmp_path):
+    model = one(quats=[[0, 0, 0, 0]])
+    assert unit_quats(model).tolist() == [[0, 0, 0, 1]]
+    assert np.abs(spread(decoded(name, model, tmp_path)) - spread(one())).max() < 0.05
+
+
 # --- round trips: every error is at most half a step of the format ---
 
 

@@ -111,6 +111,18 @@ def test_codebooks_and_tables_have_room_for_any_model(name):
     assert np.isfinite(grids.snap(wide, grids.palette(wide, 1 / 8)).means).all()
 
 
+def test_extents_are_those_of_the_least_and_largest_values_and_of_a_tenth_of_the_primitives():
+    """Eleven primitives, so that the second smallest is where a tenth of them ends."""
+    model = model_of(0, 11)
+    model.log_scales[:] = np.arange(11)[:, None] * 0.1 + [2.0, -1.0, 0.5]  # the middle one of each is the last
+    model.means[:] = [3.0, -8.0, 1.0]
+    model.means[0] = [0.5, 0.25, -1.0]
+    found = Extents.of(model)
+    assert found.low.tolist() == [0.5, -8.0, -1.0] and found.high.tolist() == [3.0, 0.25, 1.0]
+    assert found.log_scales == pytest.approx((-1.0, 3.0)) and found.small == pytest.approx(np.exp(0.6))
+    assert found.small_at_1 == pytest.approx(np.exp(0.7) / 9)  # the first is large for where it is: 0.5 - log 2
+
+
 @pytest.mark.parametrize("linear", [False, True])
 def test_the_numbers_of_extents_bring_them_back(linear):
     extents = Extents.of(model_of(1), linear)

@@ -106,6 +106,9 @@ def test_the_first_version_is_read_from_a_bundle_and_from_its_meta(tmp_path, deg
     ("scales", {"mins": [0, 0]}, "is no SOG model"),
     ("means", {"shape": []}, "is no SOG model"),
     ("means", {"shape": [SIDE * SIDE + 1, 3]}, "17 primitives, but a picture of"),
+    ("means", {"shape": [-1, 3]}, "its number of primitives is -1"),
+    ("means", {"shape": [True, 3]}, "its number of primitives is True"),
+    ("means", {"shape": [3.0, 3]}, "its number of primitives is 3.0"),
 ])  # fmt: skip
 def test_what_is_wrong_with_a_first_version_is_said(tmp_path, part, change, problem):
     files, _ = _first_version(1)

@@ -122,6 +122,14 @@ def test_what_does_not_fit_is_refused(tmp_path):
         path.write_bytes(broken)
         with pytest.raises(DataError, match=words):
             read_model(path)
+    (at,) = struct.unpack_from("<I", data, HEADER.size)
+    packed, unpacked = struct.unpack_from("<QQ", data, at)
+    short = zstandard.compress(b"\0" * (unpacked - 1))
+    first = at + 6 * 16  # behind the table of six streams
+    table = data[:at] + struct.pack("<QQ", len(short), unpacked) + data[at + 16 : first]
+    path.write_bytes(table + short + data[first + packed :])
+    with pytest.raises(DataError, match=f"need {unpacked} bytes of positions, the stream has {unpacked - 1}"):
+        read_model(path)
     for wrapped, words in (
         (HEADER.pack(*header) + body, "version 3; pack it with gzip"), (gzip.compress(data), "version 4; unpack it"),
     ):  # fmt: skip

@@ -20,7 +20,7 @@ from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.inspection.describe_features import describe_features
-from mi_dogsplat.inspection.features import model_features, scene_features
+from mi_dogsplat.inspection.features import model_features, scene_features, splat_scene
 from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
@@ -246,6 +246,8 @@ def test_a_scene_of_dog_shapes_is_told_from_one_that_is_a_data_set(tmp_path):
     assert state == "needed" and reason.startswith("1 other shape;") and "light paths" in reason
     surfaces = scene_file(tmp_path, "path", '<shape type="sphere"/><emitter type="constant"/>')
     assert "alpha masks" in stated(describe_features(surfaces))
+    for integrator, ours in (("dogpath", True), ("path", False)):
+        assert (splat_scene(scene_file(tmp_path, integrator, path_traced)) is not None) == ours
 
 
 # --- the command, and what is wrong ---

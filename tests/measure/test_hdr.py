@@ -71,7 +71,7 @@ def test_black_pictures_have_measures_too():
     assert psnr_mu(black, black) == PSNR_CAP and np.isfinite(hdr_flip(black, black))
 
 
-@pytest.mark.parametrize("bad", [TRUTH[1:], -TRUTH, TRUTH * np.nan, TRUTH[..., :2]])
+@pytest.mark.parametrize("bad", [TRUTH[1:], -TRUTH, TRUTH * np.nan, TRUTH * np.inf, TRUTH[..., :2]])
 def test_what_is_no_radiance_is_refused(bad):
     with pytest.raises(ValueError, match="radiance|both need"):
         evaluate_radiance(bad, TRUTH)

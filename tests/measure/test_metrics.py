@@ -67,6 +67,8 @@ def test_l1_is_the_mean_absolute_difference():
     truth = np.full(SHAPE, 0.5)
     image = truth.copy()
     image[::2] += 0.25
+    image[1, 2] -= 0.25  # what is darker adds to it, too
+    image[0, 2] = 0.5
     assert metrics.l1(image, truth) == pytest.approx(0.125)
 
 

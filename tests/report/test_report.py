@@ -253,6 +253,7 @@ def test_views_are_ranked_by_psnr_and_few_are_all_shown():
     assert [v.name for v in shown(views)] == ["view8", "view6", "view4", "view2", "view0"]
     assert len(shown(views[:6])) == 6
     assert [v.place for v in ranked({"a": {"psnr": 1.0}, "b": {}})] == ["", ""]
+    assert ranked({"a": {"psnr": 1.0}, "b": {}})[0].title == "a"
 
 
 def test_the_close_up_covers_the_largest_error():

@@ -2,11 +2,14 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from mi_dogsplat.report.curves import _abscissas
 from mi_dogsplat.report.plot import WIDTH, Lane, Series, line_plot
-from mi_dogsplat.report.smoothing import MAX_POINTS, thinned
+from mi_dogsplat.report.smoothing import MAX_POINTS, running_mean, thinned
 from mi_dogsplat.report.ticks import log_ticks, nice_ticks, number, numbers
 
 
@@ -70,12 +73,31 @@ def test_numbers_on_an_axis_say_where_its_ticks_are_however_near_to_each_other(l
     np.testing.assert_allclose(values, ticks, atol=0.011 * (ticks[1] - ticks[0]))
 
 
+@pytest.mark.parametrize(("longest", "unit", "last"), [(100.0, "s", 100.0), (600.0, "min", 10.0), (14_400.0, "h", 4.0)])
+def test_run_times_are_in_the_unit_that_their_axis_names(longest, unit, last):
+    columns = {"seconds": np.array([0, longest]), "step": np.array([0.0, 30])}
+    run: Any = SimpleNamespace(column=columns.__getitem__)
+    (label, times), (step, steps) = _abscissas(run)
+    assert (label, step, times.tolist(), steps.tolist()) == (f"run time, {unit}", "step", [0, last], [0, 30])
+
+
 def test_thinning_keeps_spikes_and_order():
     x, y = np.arange(30000.0), np.ones(30000)
     y[12345], y[23456] = 9, -9
     thin_x, thin_y = thinned(x, y)
     assert len(thin_x) <= MAX_POINTS and np.all(np.diff(thin_x) > 0)
     assert thin_y.max() == 9 and thin_y.min() == -9
+
+
+@pytest.mark.parametrize(("n", "rows"), [(39, 1), (40, 3), (159, 3), (160, 5), (400, 11)])
+def test_a_running_mean_is_over_an_odd_fortieth_of_the_rows_around_each_without_gaps(n, rows):
+    y = np.random.default_rng(0).normal(size=n)
+    y[[7, 20, 21, 22]] = np.nan
+    found, spanned = running_mean(y)
+    around = [y[max(0, i - rows // 2) : i + rows // 2 + 1] for i in range(n)]
+    expected = [np.nanmean(part) if np.isfinite(part).any() else 0 for part in around]
+    assert spanned == rows
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_a_gap_at_the_end_still_belongs_to_the_axis():

@@ -16,13 +16,14 @@ from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.requests import headlight
 from mi_dogsplat.requests import views as views_module
 from mi_dogsplat.requests.serve import Lines, serve
-from mi_dogsplat.requests.shares import importance
+from mi_dogsplat.requests.shares import Shares, importance
 from mi_dogsplat.requests.view_request import read_view_request
 from mi_dogsplat.requests.views import Views
 from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import displayed, srgb_to_linear
 from scene_requests import camera_json
@@ -298,3 +299,14 @@ def test_a_linear_model_is_radiance_or_what_a_screen_shows_of_it(folder, views, 
     radiance = last(views, {**request, "linear": True, "background": behind})
     np.testing.assert_allclose(radiance[..., :3], over, rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(last(views, {**request, "background": behind})[..., :3], displayed(over, 2.0), atol=1e-4)
+
+
+def test_a_share_is_of_the_most_important_and_of_one_at_least_where_there_are_any(folder, tmp_path):
+    shares, first = Shares(folder / "model.ply"), np.argsort(-importance(SPLATS), kind="stable")
+    for share, count in ((1e-6, 1), (0.25, 10), (0.99, 40)):
+        chosen = shares.chosen(share)
+        expected = None if count == SPLATS.n_splats else sorted(first[:count])
+        assert (chosen if chosen is None else chosen.tolist()) == expected
+        assert shares.part(share)["means"].shape == (3 * count,)
+    write_ply(tmp_path / "empty.ply", Splats.empty(0))
+    assert Shares(tmp_path / "empty.ply").chosen(0.5) is None

@@ -1,6 +1,7 @@
 """Training images that do not fit: each cause, planted in a photograph of a known model, is found, and no other."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from mi_dogsplat.measure.misfit import CAUSES, explained, likely_cause, relative
 from mi_dogsplat.render.picture import picture_of
 from mi_dogsplat.report.run_folder import MISFITS
 from mi_dogsplat.report.write import write_report
-from mi_dogsplat.runs.misfits import FEWEST, find_misfits, write_misfits
+from mi_dogsplat.runs.misfits import FEWEST, LEAST_PSNR, _low, find_misfits, write_misfits
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.support import pipeline
+from mi_dogsplat.support.pictures import heat_map
+from PIL import Image
 from scipy.ndimage import gaussian_filter, shift
 from splat_scenes import make_splats, rounded
 
@@ -116,6 +119,14 @@ def test_a_blurred_image_is_found_where_the_model_is_not_sharp_and_shows_it_bett
     assert quality["02"] > np.median(list(quality.values())) and found[0].below < 0
 
 
+def test_what_is_low_is_so_by_the_spread_of_the_lower_half_where_that_is_less():
+    even = {str(k): 20.0 + k for k in range(21)}
+    assert _low(even, LEAST_PSNR) == set()  # as far below as most are from the middle
+    long_tail = {str(k): 30 + (0.01 * k if k < 0 else k) for k in range(-9, 11)} | {"poor": 30 - 2 * LEAST_PSNR}
+    assert _low(long_tail, LEAST_PSNR) == {"poor"}
+    assert _low(long_tail | {"poor": 30 - 0.9 * LEAST_PSNR}, LEAST_PSNR) == set()
+
+
 def test_few_views_tell_nothing(scene):
     quality, found = find_misfits(lambda view: 0 * view.image, photographs(scene, True)[: FEWEST - 1], 0.0)
     assert len(quality) == FEWEST - 1 and not found
@@ -166,6 +177,15 @@ def test_the_report_names_them_with_pictures_and_what_helps(folder):
     sources = [image.get("src", "") for image in part.iter("img")]
     assert len(sources) == 3 * len(PLANTED) and all(source.startswith("data:image/jpeg") for source in sources)
     assert sum(map(len, sources)) < 400_000
+
+
+def test_pictures_of_errors_show_what_is_too_dark_as_what_is_too_bright(scene, folder):
+    renders, truths = scene[0], {view.name: view.image for view in photographs(scene, True)}
+    for name in json.loads((folder / MISFITS).read_text())["misfits"]:
+        errors = np.abs(np.clip(renders[name], 0, 1) - truths[name]).mean(axis=2)
+        expected = 255 * heat_map(np.clip(errors / 0.25, 0, 1))
+        shown = np.asarray(Image.open(folder / Path(MISFITS).parent / f"{name}_error.png"), np.float64)
+        np.testing.assert_allclose(shown, expected, atol=1.01)
 
 
 def test_a_report_says_that_there_are_none_and_nothing_of_a_run_that_did_not_look(scene, tmp_path):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.scene.camera_motions import (
+    DAMPING,
     common_motions,
     motion_gradient,
     moved_w2c,
@@ -116,6 +117,20 @@ def test_a_motion_by_the_root_of_a_preconditioner_moves_the_picture_by_its_longe
             away = ((after - before)[seen] ** 2).sum(axis=1).mean()
             moves.append(np.sqrt(away) / camera.width / step)
         assert max(moves) == pytest.approx(1, abs=0.1) and sorted(moves)[2] > 0.3 and max(moves) < 1.001
+
+
+def test_preconditioners_are_damped_inverses_of_what_differences_of_projected_points_say():
+    cameras, points, step = tiny_data.cameras()[:3], scattered(), 1e-5
+    for k, (camera, matrix) in enumerate(zip(cameras, preconditioners(cameras, points, EXTENT), strict=True)):
+
+        def pixels(motion, k=k, camera=camera):
+            return replace(camera, w2c=moved_w2c(GIVEN[k][None], motion[None], EXTENT)[0]).project(points)[0]
+
+        seen = ((pixels(np.zeros(6)) > 0) & (pixels(np.zeros(6)) < (camera.width, camera.height))).all(axis=1)
+        J = np.stack([(pixels(one) - pixels(-one))[seen] for one in step * np.eye(6)]) / (2 * step) / camera.width
+        expected = np.einsum("ipc,jpc->ij", J, J) / seen.sum()  # [6, 6]
+        expected *= 1 + DAMPING * np.eye(6)
+        np.testing.assert_allclose(np.linalg.inv(matrix), expected, atol=1e-6 * expected.max())
 
 
 def test_preconditioners_depend_neither_on_the_unit_of_the_world_nor_on_pixels():

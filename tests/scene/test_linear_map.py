@@ -153,7 +153,9 @@ def test_a_primitive_that_is_not_finite_spoils_no_other():
     assert transformed(Splats.empty(2), displaced(SHEAR)).n_splats == 0
 
 
-@pytest.mark.parametrize("linear", [np.diag([1.0, 1, 0]), np.zeros((3, 3)), np.diag([1, 1, np.nan])])
+@pytest.mark.parametrize("linear", [
+    np.diag([1.0, 1, 0]), np.zeros((3, 3)), np.diag([1, 1, np.nan]), np.diag([1e8, 1, 1]),
+])  # fmt: skip
 def test_what_flattens_is_refused(linear: Any):
     with pytest.raises(ValueError, match="cannot be flattened"):
         transformed(rounded(random_splats(3)), displaced(linear))

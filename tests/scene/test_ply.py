@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mi_dogsplat.scene.filter_3d import filtered
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support import files
@@ -191,6 +192,14 @@ def test_the_3d_filter_of_mip_splatting_widens_primitives_and_makes_them_fainter
     same(read.select([0]), splats.select([0]))
     write_ply(tmp_path / "b.ply", read)
     same(read_ply(tmp_path / "b.ply"), read)
+
+
+def test_a_width_of_the_3d_filter_has_no_sign_and_leaves_what_is_opaque_finite():
+    scales, logits, widths = np.zeros((3, 3)), np.array([0.0, 2.0, 800.0]), np.full(3, 0.5)
+    for found, wanted in zip(filtered(scales, logits, -widths), filtered(scales, logits, widths), strict=True):
+        assert np.array_equal(found, wanted)
+    after, faded = filtered(scales, logits, np.full(3, 1e-30))
+    assert np.abs(after).max() < 1e-30 and faded[:2] == pytest.approx(logits[:2]) and 13 < faded[2] <= 800
 
 
 @pytest.mark.parametrize(("code", "full"), [("uchar", 255), ("ushort", 65535), ("float", 1)])

@@ -143,6 +143,8 @@ def test_a_matrix_that_is_not_finite_is_called_so(value, column):
     matrix[1, column] = value
     with pytest.raises(ValueError, match="a model cannot be moved: this matrix is not finite"):
         decompose_similarity(matrix)
+    with pytest.raises(ValueError, match="not finite"):
+        transformed(rounded(random_splats(3)), matrix)
 
 
 @pytest.mark.parametrize("row", [(0, 0, 0, 2), (0, 0, 0.1, 1), (0, 0, 0, 0), (0, np.nan, 0, 1)])

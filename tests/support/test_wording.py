@@ -7,10 +7,17 @@ from mi_dogsplat.support import wording
 
 @pytest.mark.parametrize(
     ("seconds", "words"),
-    [(0.04, "0.0 s"), (59.9, "59.9 s"), (59.97, "1 min 00 s"), (302.4, "5 min 02 s"), (7385, "2 h 03 min")],
+    [
+        (0.04, "0.0 s"), (59.9, "59.9 s"), (59.97, "1 min 00 s"), (302.4, "5 min 02 s"), (3599.4, "59 min 59 s"),
+        (3600, "1 h 00 min"), (7385, "2 h 03 min"),
+    ],
 )
 def test_durations_use_the_unit_that_fits(seconds, words):
     assert wording.duration(seconds) == words
+
+
+def test_times_are_plotted_in_the_unit_of_the_longest():
+    assert [wording.time_unit(s) for s in (179, 180, 10_799, 10_800)] == [("s", 1), *[("min", 60)] * 2, ("h", 3600)]
 
 
 @pytest.mark.parametrize(

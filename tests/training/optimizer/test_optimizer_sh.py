@@ -199,6 +199,12 @@ def test_a_checkpoint_whose_groups_lack_rows_is_refused(name):
         SplatOptimizer(uniform(), RATES).restore(state)
 
 
+def test_a_checkpoint_of_groups_whose_common_bands_are_of_no_degree_is_refused():
+    state = SplatOptimizer(mixed(), RATES).state() | {"sh_rest": np.zeros(7, np.float32)}
+    with pytest.raises(ValueError, match=r"\['sh_rest'\] of the state does not fit this SH degree"):
+        SplatOptimizer(uniform(), RATES).restore(state)
+
+
 def test_a_checkpoint_of_a_uniform_model_still_has_to_fit():
     with pytest.raises(ValueError, match="does not fit this SH degree"):
         SplatOptimizer(mixed(), RATES).restore(SplatOptimizer(uniform(2), RATES).state())

@@ -322,6 +322,12 @@ def test_a_rule_with_a_number_out_of_range_is_refused(numbers, problem):
         replace(RULE, **numbers)
 
 
+def test_the_start_scales_with_the_run_and_moves_with_its_beginning():
+    rule = Preconditioning(18_000, gain=2.0)
+    assert rule.scaled(7 / 30) == Preconditioning(4200, gain=2.0)
+    assert rule.earlier(15_000) == Preconditioning(3000, gain=2.0) and rule.earlier(20_000).start == 0
+
+
 def test_a_new_beginning_forgets_what_went_together():
     used, new = SplatOptimizer(random_model(5, 0), JOINTLY), SplatOptimizer(random_model(5, 0), JOINTLY)
     run(used, 3)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from happenings import history_of
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.formats.coded import CODED, snapped
 from mi_dogsplat.formats.grids import Extents, FileGrids, Palette, Steps
@@ -22,6 +23,7 @@ from mi_dogsplat.training.events import Quantised
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.quantisation.quantiser import Coding, Quantiser
 from mi_dogsplat.training.quantisation.straight_through import DeviceGrid, StraightThrough
 from mi_dogsplat.training.strategy.quantise import SHARE, Quantisation
 from mi_dogsplat.training.train import Trainer
@@ -143,6 +145,19 @@ def test_the_model_of_a_run_is_that_of_its_file(data, name, tmp_path):
     assert np.mean([v["psnr"] for v in views.values()]) == pytest.approx(metrics["test"]["psnr"], abs=1e-3)
     rows = history_of(tmp_path / "run")
     assert any(event["kind"] == "quantised" for row in rows for event in row.get("events", []))
+
+
+def test_grids_and_palette_follow_in_fifteen_rounds_and_are_left_alone_in_the_last_quarter(monkeypatch):
+    renewed, step = [], 0
+    quantiser, coding = Quantiser("sog"), Coding(degrees=np.zeros(1, np.int64), labels=np.zeros(4, np.int64))
+    monkeypatch.setattr(Quantiser, "_renew", lambda *_: renewed.append(step))
+    optimizer = SplatOptimizer(rounded(random_splats(4, degree=0, dog_share=0)), LearningRates(1.0, 10))
+    for step in range(300):
+        quantiser.before_step(coding, optimizer, [], RasterOptions(), step, 300)
+    assert renewed == list(range(0, 226, 15))
+    coding.degrees[:] = 1  # other bands than those of the model: at once
+    quantiser.before_step(coding, optimizer, [], RasterOptions(), step, 300)
+    assert renewed[-1] == step == 299
 
 
 @pytest.mark.slow
