@@ -49,7 +49,7 @@ def placed_splats(
     for obj in own:
         if has_splats(obj) and wanted(obj):
             yield obj, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64), obj
-    if not any(may_repeat_splats(obj) and wanted(obj) for obj in own):
+    if not any(may_repeat_splats(obj) and wanted(obj) for obj in _evaluated(depsgraph)):
         return
     for instance in depsgraph.object_instances:
         if not instance.is_instance or not has_splats(instance.object.original):
@@ -65,8 +65,7 @@ def copied_drawings(depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.
 
     Nothing there says which splats these were.
     """
-    own = [obj.original for obj in depsgraph.objects]
-    if not any(_has_nodes(obj) and wanted(obj) for obj in own):
+    if not any(_has_nodes(obj) and wanted(obj) for obj in _evaluated(depsgraph)):
         return []
     found = {}
     for instance in depsgraph.object_instances:
@@ -76,6 +75,11 @@ def copied_drawings(depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.
             if any(map(draws_splats, getattr(obj.data, "materials", ()))):
                 found[owner.name] = None
     return list(found)
+
+
+def _evaluated(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
+    """Originals of all objects of a graph. Its ``objects`` lack those that show what they repeat and not themselves."""
+    return [thing.original for thing in depsgraph.ids if isinstance(thing, bpy.types.Object)]
 
 
 def _has_nodes(obj: bpy.types.Object) -> bool:
