@@ -89,7 +89,10 @@ def _has_nodes(obj: bpy.types.Object) -> bool:
 def may_repeat_splats(obj: bpy.types.Object) -> bool:
     """Whether splats may be among the instances that it makes; of those of nodes nobody knows without a look."""
     return any(
-        inner.instance_type not in ("NONE", "COLLECTION") or _has_nodes(inner) or (inner != obj and has_splats(inner))
+        inner.instance_type not in ("NONE", "COLLECTION")
+        or _has_nodes(inner)
+        or any(system.settings.render_type in ("OBJECT", "COLLECTION") for system in inner.particle_systems)
+        or (inner != obj and has_splats(inner))
         for inner in _with_instanced([obj])
     )
 
