@@ -128,9 +128,14 @@ def scale_limits(obj: bpy.types.Object, factor: float) -> None:
     for modifier in edit_modifiers(obj, LIMITS):
         for name in ("Minimum Size", "Maximum Size"):
             set_input(modifier, name, get_input(modifier, name) * factor)
-            owner, key = input_property(modifier, name)
-            scale_keys(obj, owner.path_from_id() + (key if key.startswith("[") else f".{key}"), factor)
+            scale_keys(obj, _input_path(modifier, name), factor)
     obj.update_tag()
+
+
+def _input_path(modifier: bpy.types.Modifier, name: str) -> str:
+    """Where keys and drivers of the object find an input."""
+    owner, key = input_property(modifier, name)
+    return owner.path_from_id() + (key if key.startswith("[") else f".{key}")
 
 
 def drive(modifier: bpy.types.Modifier) -> None:
@@ -139,6 +144,12 @@ def drive(modifier: bpy.types.Modifier) -> None:
         owner, key = input_property(modifier, name)
         owner.driver_remove(key)
         _drive(owner, key, expression)
+
+
+def is_driven(modifier: bpy.types.Modifier) -> bool:
+    """Whether a drawing modifier has all of these drivers."""
+    animation = modifier.id_data.animation_data
+    return animation is not None and all(animation.drivers.find(_input_path(modifier, name)) for name in EXPRESSIONS)
 
 
 def _drive(owner: Any, key: str, expression: str) -> None:
