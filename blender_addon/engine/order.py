@@ -181,7 +181,8 @@ def tidy(folder: Path, files: set[str]) -> None:
 def camera_request(camera: Camera) -> dict[str, Any]:
     """What a request says of a camera."""
     numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    return {"camera": {"w2c": camera.w2c.tolist(), **numbers}, "orthographic": camera.orthographic}
+    film = {"film": list(camera.film)} if camera.film else {}
+    return {"camera": {"w2c": camera.w2c.tolist(), **numbers}, "orthographic": camera.orthographic, **film}
 
 
 def own_near_clip(camera: Camera) -> dict[str, float]:
@@ -192,7 +193,7 @@ def own_near_clip(camera: Camera) -> dict[str, float]:
 def square(camera: Camera) -> Camera:
     """The camera with square pixels and so many rows that it sees as much: Mitsuba's sensors have no others."""
     height = max(round(camera.height * camera.fx / camera.fy), 1)
-    return replace(camera, fy=camera.fx, cy=camera.cy * height / camera.height, height=height)
+    return replace(camera.stretched(camera.width, height), fy=camera.fx)
 
 
 def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
