@@ -13,6 +13,7 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..cameras.objects import Eye, camera_numbers, is_sheared, rendered_part
+from ..evaluated.edited import later_notes
 from ..evaluated.masks import mask_of, numbered
 from ..evaluated.placed import copied_drawings, moved_model, objects_in, placed_model, placed_splats
 from ..evaluated.shown_object import ShownObject
@@ -205,7 +206,7 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
             model.is_dog = model.is_dog & bool(drawing["DoG"])
             found.near.append(drawing["Near Clip"])
             found.antialiased |= bool(drawing["Antialiased"])
-        notes = converted_notes([obj])
+        notes = converted_notes([obj]) + later_notes(obj, depsgraph)
         if flattens(matrix[:3, :3]):  # what grows from nothing begins so, and must not stop an animation
             notes.append(told(FLAT, name=obj.name))
             model, matrix = model.select(np.zeros(0, int)), np.eye(4)
