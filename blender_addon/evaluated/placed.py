@@ -14,6 +14,7 @@ from ..nodes.material import draws_splats
 from ..objects.attributes import has_splats, is_native, read_attributes
 from ..objects.cloud import read_cloud
 from .edited import edited_model
+from .visible import all_objects
 
 
 def holds_splats(obj: bpy.types.Object) -> bool:
@@ -49,7 +50,7 @@ def placed_splats(
     for obj in own:
         if has_splats(obj) and wanted(obj):
             yield obj, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64), obj
-    if not any(may_repeat_splats(obj) and wanted(obj) for obj in _evaluated(depsgraph)):
+    if not any(may_repeat_splats(obj) and wanted(obj) for obj in _originals(depsgraph)):
         return
     for instance in depsgraph.object_instances:
         if not instance.is_instance or not has_splats(instance.object.original):
@@ -65,7 +66,7 @@ def copied_drawings(depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.
 
     Nothing there says which splats these were.
     """
-    if not any(_has_nodes(obj) and wanted(obj) for obj in _evaluated(depsgraph)):
+    if not any(_has_nodes(obj) and wanted(obj) for obj in _originals(depsgraph)):
         return []
     found = {}
     for instance in depsgraph.object_instances:
@@ -77,9 +78,8 @@ def copied_drawings(depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.
     return list(found)
 
 
-def _evaluated(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
-    """Originals of all objects of a graph. Its ``objects`` lack those that show what they repeat and not themselves."""
-    return [thing.original for thing in depsgraph.ids if isinstance(thing, bpy.types.Object)]
+def _originals(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
+    return [obj.original for obj in all_objects(depsgraph)]
 
 
 def _has_nodes(obj: bpy.types.Object) -> bool:
