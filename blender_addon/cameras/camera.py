@@ -23,7 +23,8 @@ class Camera:
     """Intrinsics in pixels (the centre of the first pixel is (0.5, 0.5)) and pose of an image.
 
     Of an orthographic one the rays are parallel, and fx and fy are pixels per unit. ``bent``: the photograph is by a
-    lens that bends rays, and this is the pinhole of its focal lengths, which sees as it does in its middle.
+    lens that bends rays, and this is the pinhole of its focal lengths, which sees as it does in its middle. ``film``:
+    of one that sees a part of a picture, all of that, (left, top, right, bottom) in its own pixels.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Camera:
     image: Path | None = None
     orthographic: bool = False
     bent: bool = False
+    film: tuple[float, float, float, float] | None = None
 
     def downscaled(self, k: int) -> Camera:
         """The camera of the image averaged over k x k pixels, the remainder cut off."""
@@ -45,7 +47,15 @@ class Camera:
 
     def window(self, left: int, top: int, right: int, bottom: int) -> Camera:
         """The camera of a part of the image, in whole pixels from its upper left corner."""
-        return replace(self, cx=self.cx - left, cy=self.cy - top, width=right - left, height=bottom - top)
+        film = -left, -top, self.width - left, self.height - top
+        return replace(self, cx=self.cx - left, cy=self.cy - top, width=right - left, height=bottom - top, film=film)
+
+    def stretched(self, width: int, height: int) -> Camera:
+        """The camera of the same picture in so many pixels."""
+        x, y = width / self.width, height / self.height
+        film = self.film and (self.film[0] * x, self.film[1] * y, self.film[2] * x, self.film[3] * y)
+        lens = {"fx": self.fx * x, "fy": self.fy * y, "cx": self.cx * x, "cy": self.cy * y}
+        return replace(self, **lens, width=width, height=height, film=film)
 
 
 def rigid(path: Path, name: str, matrix: Any) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..cameras.objects import Eye, camera_numbers, is_sheared, rendered_part
+from ..evaluated.edited import later_notes
 from ..evaluated.masks import mask_of, numbered
 from ..evaluated.placed import copied_drawings, moved_model, objects_in, placed_model, placed_splats
 from ..evaluated.shown_object import ShownObject
@@ -182,7 +183,8 @@ def tidy(folder: Path, files: set[str]) -> None:
 def camera_request(camera: Camera) -> dict[str, Any]:
     """What a request says of a camera."""
     numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    return {"camera": {"w2c": camera.w2c.tolist(), **numbers}, "orthographic": camera.orthographic}
+    film = {"film": list(camera.film)} if camera.film else {}
+    return {"camera": {"w2c": camera.w2c.tolist(), **numbers}, "orthographic": camera.orthographic, **film}
 
 
 def own_near_clip(camera: Camera) -> dict[str, float]:
@@ -193,7 +195,7 @@ def own_near_clip(camera: Camera) -> dict[str, float]:
 def square(camera: Camera) -> Camera:
     """The camera with square pixels and so many rows that it sees as much: Mitsuba's sensors have no others."""
     height = max(round(camera.height * camera.fx / camera.fy), 1)
-    return replace(camera, fy=camera.fx, cy=camera.cy * height / camera.height, height=height)
+    return replace(camera.stretched(camera.width, height), fy=camera.fx)
 
 
 def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
@@ -205,7 +207,7 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
             model.is_dog = model.is_dog & bool(drawing["DoG"])
             found.near.append(drawing["Near Clip"])
             found.antialiased |= bool(drawing["Antialiased"])
-        notes = converted_notes([obj])
+        notes = converted_notes([obj]) + later_notes(obj, depsgraph)
         if flattens(matrix[:3, :3]):  # what grows from nothing begins so, and must not stop an animation
             notes.append(told(FLAT, name=obj.name))
             model, matrix = model.select(np.zeros(0, int)), np.eye(4)

@@ -8,10 +8,14 @@ from contextlib import contextmanager
 import bpy
 import numpy as np
 
+from ..files.errors import told
 from ..files.model import Model
 from ..nodes.modifier import splat_modifier
 from ..objects.attributes import is_native, read_attributes
 from ..objects.cloud import read_cloud
+
+# Blender puts new modifiers there
+LATER = '"{name}": its modifier "{modifier}" comes after the one that draws and changes no splats; move it in front'
 
 
 def edited_model(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Model:
@@ -38,6 +42,19 @@ def edited_mesh(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.ty
     return mesh
 
 
+def later_notes(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> list[str]:
+    """A line about each modifier after that which draws, whose quads it may change, but never splats."""
+    modifiers = obj.evaluated_get(depsgraph).modifiers
+    drawing, switch = splat_modifier(obj), _switch(depsgraph)
+    later = modifiers[modifiers.find(drawing.name) + 1 :] if drawing else ()
+    return [told(LATER, name=obj.name, modifier=each.name) for each in later if getattr(each, switch)]
+
+
+def _switch(depsgraph: bpy.types.Depsgraph) -> str:
+    """The property of modifiers that says whether a graph has them."""
+    return "show_render" if depsgraph.mode == "RENDER" else "show_viewport"
+
+
 @contextmanager
 def _not_drawn(evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
     """Leave the drawing modifier and those after it out of the evaluations meanwhile.
@@ -47,7 +64,7 @@ def _not_drawn(evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> I
     """
     drawing, modifiers = splat_modifier(evaluated), evaluated.modifiers
     place = len(modifiers) if drawing is None else modifiers.find(drawing.name)
-    switch = "show_render" if depsgraph.mode == "RENDER" else "show_viewport"
+    switch = _switch(depsgraph)
     own = [getattr(modifier, switch) for modifier in modifiers]
     _set(modifiers, switch, own[:place] + [False] * (len(own) - place))
     try:

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 
 import bpy
 
+from .visible import all_objects
+
 HOLDOUT, INDIRECT_ONLY = "holdout", "indirect_only"  # as requests call them; what has neither is seen as it is
 UNSEEN = ("LIGHT", "CAMERA", "LIGHT_PROBE", "SPEAKER")  # kinds of objects that cameras never see
 
@@ -25,7 +27,7 @@ def mask_of(owner: bpy.types.Object, obj: bpy.types.Object, depsgraph: bpy.types
 
 def masks_in(depsgraph: bpy.types.Depsgraph) -> frozenset[tuple[str, str]]:
     """(full name, mask) of the objects that have one."""
-    originals = [obj.original for obj in depsgraph.objects]
+    originals = [obj.original for obj in all_objects(depsgraph)]
     return frozenset((obj.name_full, mask) for obj in originals if (mask := mask_of(obj, obj, depsgraph)))
 
 

@@ -14,6 +14,7 @@ from ..nodes.material import draws_splats
 from ..objects.attributes import has_splats, is_native, read_attributes
 from ..objects.cloud import read_cloud
 from .edited import edited_model
+from .visible import all_objects
 
 
 def holds_splats(obj: bpy.types.Object) -> bool:
@@ -49,7 +50,7 @@ def placed_splats(
     for obj in own:
         if has_splats(obj) and wanted(obj):
             yield obj, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64), obj
-    if not any(may_repeat_splats(obj) and wanted(obj) for obj in own):
+    if not any(may_repeat_splats(obj) and wanted(obj) for obj in _originals(depsgraph)):
         return
     for instance in depsgraph.object_instances:
         if not instance.is_instance or not has_splats(instance.object.original):
@@ -65,8 +66,7 @@ def copied_drawings(depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.
 
     Nothing there says which splats these were.
     """
-    own = [obj.original for obj in depsgraph.objects]
-    if not any(_has_nodes(obj) and wanted(obj) for obj in own):
+    if not any(_has_nodes(obj) and wanted(obj) for obj in _originals(depsgraph)):
         return []
     found = {}
     for instance in depsgraph.object_instances:
@@ -78,6 +78,10 @@ def copied_drawings(depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.
     return list(found)
 
 
+def _originals(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
+    return [obj.original for obj in all_objects(depsgraph)]
+
+
 def _has_nodes(obj: bpy.types.Object) -> bool:
     return not has_splats(obj) and any(modifier.type == "NODES" for modifier in obj.modifiers)
 
@@ -85,7 +89,10 @@ def _has_nodes(obj: bpy.types.Object) -> bool:
 def may_repeat_splats(obj: bpy.types.Object) -> bool:
     """Whether splats may be among the instances that it makes; of those of nodes nobody knows without a look."""
     return any(
-        inner.instance_type not in ("NONE", "COLLECTION") or _has_nodes(inner) or (inner != obj and has_splats(inner))
+        inner.instance_type not in ("NONE", "COLLECTION")
+        or _has_nodes(inner)
+        or any(system.settings.render_type in ("OBJECT", "COLLECTION") for system in inner.particle_systems)
+        or (inner != obj and has_splats(inner))
         for inner in _with_instanced([obj])
     )
 

@@ -12,9 +12,14 @@ import bpy
 from ..objects.attributes import has_splats
 
 
+def all_objects(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
+    """All that a graph has evaluated. Its ``objects`` lack those that show what they repeat and not themselves."""
+    return [thing for thing in depsgraph.ids if isinstance(thing, bpy.types.Object)]
+
+
 def hidden_in(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> frozenset[str]:
     """Full names of the objects of a viewport's graph that it does not show."""
-    return frozenset(obj.name_full for obj in depsgraph.objects if not obj.visible_in_viewport_get(space))
+    return frozenset(obj.name_full for obj in all_objects(depsgraph) if not obj.visible_in_viewport_get(space))
 
 
 def is_shown(

@@ -10,6 +10,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
+from ..evaluated.edited import later_notes
 from ..evaluated.placed import holds_splats, may_repeat_splats, placed_model, placed_splats
 from ..files.errors import FileError, told
 from ..files.light import in_common_light
@@ -77,6 +78,7 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         self.report({"INFO"}, told("{count:,} splats exported", count=model.n_splats))
-        for note in converted_notes(objects):
+        later = [note for obj in dict.fromkeys(objects) for note in later_notes(obj, depsgraph)]
+        for note in converted_notes(objects) + later:
             self.report({"WARNING"}, note)
         return {"FINISHED"}

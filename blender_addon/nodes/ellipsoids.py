@@ -38,8 +38,8 @@ def ellipsoids_group() -> bpy.types.NodeTree:
     points = delete(tree, points, 1.0 - (reach + pseudo_reach > 0.0))
     values = {EXTENT: size / primary, FACTOR: pseudo / primary,
               OPACITIES: tree.combine(splat.opacity, splat.pseudo_opacity)}  # fmt: skip
-    for name, value in values.items():
-        points = store(tree, points, name, value)
+    for attribute, value in values.items():
+        points = store(tree, points, attribute, value)
     sphere = tree.node("GeometryNodeMeshIcoSphere")
     sphere.inputs["Radius"].default_value = SPHERE_RADIUS
     sphere.inputs["Subdivisions"].default_value = 2

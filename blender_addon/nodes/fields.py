@@ -23,18 +23,20 @@ def _sockets(fields: tuple[str, ...], **others: str) -> dict[str, str]:
 class Pose(NamedTuple):
     """Where a picture is taken from, in the space of the world, and its intrinsics in pixels (x, y, 0).
 
-    ``focal`` is in pixels per unit where the rays are parallel, and per radian in a panorama.
+    ``mirror`` is 1, or -1 for a mirrored camera, whose axes are those of the ``rotation`` the other way. ``focal`` is
+    in pixels per unit where the rays are parallel, and per radian in a panorama.
     """
 
     location: Vector
     rotation: Any
+    mirror: Value
     focal: Vector
     center: Vector
     size: Vector
     projection: Value
 
 
-POSE = _sockets(Pose._fields, rotation="NodeSocketRotation", projection="NodeSocketFloat")
+POSE = _sockets(Pose._fields, rotation="NodeSocketRotation", mirror="NodeSocketFloat", projection="NodeSocketFloat")
 
 
 def sees(pose: Pose, projection: int) -> Value:
@@ -42,10 +44,11 @@ def sees(pose: Pose, projection: int) -> Value:
     return (pose.projection > projection - 0.5) * (pose.projection < projection + 0.5)
 
 
-def camera_pose(tree: Tree) -> tuple[Vector, Any]:
-    """Location and rotation of the active camera in the world."""
+def camera_pose(tree: Tree) -> tuple[Vector, Any, Value]:
+    """Location, rotation and mirror of the active camera in the world."""
     info = _object_info(tree, "GeometryNodeInputActiveCamera")
-    return Vector(tree, info.outputs["Location"]), info.outputs["Rotation"]
+    x, _, _ = Vector(tree, info.outputs["Scale"]).split()  # of what is mirrored all three are below 0
+    return Vector(tree, info.outputs["Location"]), info.outputs["Rotation"], 1.0 - (x < 0.0) * 2.0
 
 
 def _object_info(tree: Tree, which: str) -> Any:
@@ -93,7 +96,8 @@ def frame_group() -> bpy.types.NodeTree:
     transposed, to_object = (tree.node(f"FunctionNode{kind}Matrix") for kind in ("Transpose", "Invert"))
     for node in (transposed, to_object):
         tree.plug(node.inputs[0], to_world)
-    axes = [_rotated(tree, axis, pose.rotation) for axis in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))]
+    own = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)
+    axes = [_rotated(tree, axis, pose.rotation) * pose.mirror for axis in own]
     right, down, forward = (_transformed(tree, "Direction", axis, transposed.outputs[0]) for axis in axes)
     across, downward, along = (_transformed(tree, "Direction", axis, to_object.outputs[0]) for axis in axes)
     volume = tree.math("ABSOLUTE", right.dot(down.cross(forward)))

@@ -20,20 +20,21 @@ EDITING = (CROP, LIMITS, PAINT)
 SHOWN = ("Show As", "SH Degree", "DoG", "Linear Colors", "Antialiased", "Near Clip", "Viewport Share")
 MENUS = {"Show As": SHOW, "Shape": SHAPES, "Count By": ORDERS}
 
-# Horizontal: what Blender's sensor fit "Auto" decides. Enum values: 0 Auto, 1 Horizontal, 2 Vertical.
-_HORIZONTAL = "(fit == 1 or (fit == 0 and rx * ax >= ry * ay))"
-_SIZE = f"(rx * ax if {_HORIZONTAL} else ry * ay)"  # of the side that the sensor fits, in units of square pixels
-_PINHOLE = f"{_SIZE} / (scale if kind == 1 else (sh if fit == 2 else sw) / lens)"
-_ANGLE = "(east - west if dome == 0 else sw / bent if dome == 2 else fov)"  # across a panorama, as near its axis
-_PANORAMA = f"rx * ax / {_ANGLE}"
+# Horizontal: what Blender's sensor fit "Auto" decides. Enum values: 0 Auto, 1 Horizontal, 2 Vertical. Sizes in pixels
+# are those of the render: whole ones. Blender keeps 255 characters of an expression.
+_WIDTH, _HEIGHT = "floor(rx*percent/100)", "floor(ry*percent/100)"
+_SIZE = f"({_WIDTH}*ax if fit==1 or (fit==0 and rx*ax>=ry*ay) else {_HEIGHT}*ay)"  # along the side that the sensor fits
+_PINHOLE = f"{_SIZE}/(scale if kind==1 else (sh if fit==2 else sw)/lens)"
+_ANGLE = "(east-west if dome==0 else sw/bent if dome==2 else fov)"  # across a panorama, as near its axis
+_FOCAL = f"({_WIDTH}*ax/{_ANGLE} if kind==2 else {_PINHOLE})"  # in units of square pixels, as the size is
 EXPRESSIONS = {
     PROJECTION: "min(kind, 2)",  # 3 is a lens that a script describes
-    "Focal X": f"({_PANORAMA} if kind == 2 else {_PINHOLE}) * percent / 100 / ax",
-    "Focal Y": f"({_PANORAMA} if kind == 2 else {_PINHOLE}) * percent / 100 / ay",
-    "Center X": f"(rx / 2 - sx * {_SIZE} / ax) * percent / 100",
-    "Center Y": f"(ry / 2 + sy * {_SIZE} / ay) * percent / 100",
-    "Width": "rx * percent / 100",
-    "Height": "ry * percent / 100",
+    "Focal X": f"{_FOCAL}/ax",
+    "Focal Y": f"{_FOCAL}/ay",
+    "Center X": f"{_WIDTH}/2-sx*{_SIZE}/ax",
+    "Center Y": f"{_HEIGHT}/2+sy*{_SIZE}/ay",
+    "Width": _WIDTH,
+    "Height": _HEIGHT,
 }
 VARIABLES = {  # path from the scene, and the value where the scene has no camera
     "lens": ("camera.data.lens", 50), "sw": ("camera.data.sensor_width", 36), "sh": ("camera.data.sensor_height", 24),
@@ -128,9 +129,14 @@ def scale_limits(obj: bpy.types.Object, factor: float) -> None:
     for modifier in edit_modifiers(obj, LIMITS):
         for name in ("Minimum Size", "Maximum Size"):
             set_input(modifier, name, get_input(modifier, name) * factor)
-            owner, key = input_property(modifier, name)
-            scale_keys(obj, owner.path_from_id() + (key if key.startswith("[") else f".{key}"), factor)
+            scale_keys(obj, _input_path(modifier, name), factor)
     obj.update_tag()
+
+
+def _input_path(modifier: bpy.types.Modifier, name: str) -> str:
+    """Where keys and drivers of the object find an input."""
+    owner, key = input_property(modifier, name)
+    return owner.path_from_id() + (key if key.startswith("[") else f".{key}")
 
 
 def drive(modifier: bpy.types.Modifier) -> None:
@@ -139,6 +145,14 @@ def drive(modifier: bpy.types.Modifier) -> None:
         owner, key = input_property(modifier, name)
         owner.driver_remove(key)
         _drive(owner, key, expression)
+
+
+def is_driven(modifier: bpy.types.Modifier) -> bool:
+    """Whether a drawing modifier has all of these drivers, as this version of the add-on makes them."""
+    if (animation := modifier.id_data.animation_data) is None:
+        return False
+    found = {name: animation.drivers.find(_input_path(modifier, name)) for name in EXPRESSIONS}
+    return all(curve is not None and curve.driver.expression == EXPRESSIONS[name] for name, curve in found.items())
 
 
 def _drive(owner: Any, key: str, expression: str) -> None:

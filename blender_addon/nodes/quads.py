@@ -41,8 +41,8 @@ def quads_group() -> bpy.types.NodeTree:
     points = delete(tree, points, 1.0 - visible)
     values = {EXTENT: tree.combine(half_x, half_y, frame.distance), KERNEL: primary[0], PSEUDO: pseudo[0],
               OPACITIES: tree.combine(primary[2], pseudo[2])}  # fmt: skip
-    for name, value in values.items():
-        points = store(tree, points, name, value)
+    for attribute, value in values.items():
+        points = store(tree, points, attribute, value)
     for pattern in ("radiance:*", "dog:*"):
         points = remove(tree, points, pattern)
     tree.give(exit_node, [set_material(tree, _rectangles(tree, points, frame), quad_material())])

@@ -19,7 +19,7 @@ from .groups import SPACE, version_of
 from .limits import NAME as LIMITS
 from .limits import limits_tree
 from .material import VERSION
-from .modifier import drive, tree_name
+from .modifier import drive, is_driven, tree_name
 from .paint import NAME as PAINT
 from .paint import paint_tree
 from .space import space_of
@@ -33,7 +33,9 @@ def suit(obj: bpy.types.Object) -> None:
     """Give the modifiers of an object other trees, with the same inputs, where theirs are older or for another space.
 
     The identifiers of inputs are the same in all versions, but for those that viewports write. So values, drivers and
-    keys stay; those drivers that tell of the camera are made anew. Trees of a newer version are left alone.
+    keys stay; those drivers that tell of the camera are made anew. They are also where they have gone: Blender's own
+    Clear Animation Data and Link Animation Data take them along, and a copied modifier comes without. Trees of a newer
+    version are left alone.
     """
     if not can_edit(obj):
         return
@@ -47,6 +49,9 @@ def suit(obj: bpy.types.Object) -> None:
                 drive(modifier)
         elif name in PLAIN and _gives_way(modifier.node_group, ""):
             modifier.node_group, changed = PLAIN[name](), True
+        if name == NAME and version_of(modifier.node_group) == VERSION and not is_driven(modifier):
+            drive(modifier)
+            changed = True
     if changed:
         obj.update_tag()
 

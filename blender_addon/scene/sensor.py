@@ -26,7 +26,9 @@ def sensor(scene: bpy.types.Scene, obj: bpy.types.Object, camera: Camera) -> Plu
     film["rfilter"] = {"type": "gaussian", "stddev": blur} if blur > SHARP else {"type": "box"}
     common = {"near_clip": data.clip_start, "far_clip": data.clip_end, "to_world": matrix(to_world), "film": film}
     if radius == 0:
-        film |= {"width": width, "height": height}
+        camera, window = _whole(camera)
+        film |= window
+        width, height = camera.width, camera.height
     if camera.orthographic:  # the axis is in the middle of the film, half of whose width is 1
         middle = np.eye(4)
         middle[:2, 3] = (camera.cx - width / 2) / camera.fx, (camera.cy - height / 2) / camera.fy
@@ -43,6 +45,16 @@ def sensor(scene: bpy.types.Scene, obj: bpy.types.Object, camera: Camera) -> Plu
     film |= {"crop_offset_x": max(-left, 0), "crop_offset_y": max(-top, 0)}
     lens = {"aperture_radius": radius, "focus_distance": _focus(obj)}
     return {"type": "thinlens", "fov_axis": "x", "fov": _degrees(width + abs(left), camera.fx), **lens, **common}
+
+
+def _whole(camera: Camera) -> tuple[Camera, dict[str, int]]:
+    """The camera of all of its picture, to whole pixels, and the film that is the window which it saw of it."""
+    if camera.film is None:
+        return camera, {"width": camera.width, "height": camera.height}
+    left, top, right, bottom = map(round, camera.film)
+    window = {"width": right - left, "height": bottom - top, "crop_width": camera.width, "crop_height": camera.height}
+    window |= {"crop_offset_x": -left, "crop_offset_y": -top}
+    return camera.window(left, top, right, bottom), window
 
 
 def _degrees(pixels: int, focal: float) -> float:

@@ -3,6 +3,9 @@
 NOTES = {
     '"{name}" is left out': "„{name}“ wird weggelassen",
     '"{name}" is left out ({kind})': "„{name}“ wird weggelassen ({kind})",
+    '"{name}": its modifier "{modifier}" comes after the one that draws and changes no splats; move it in front': (
+        "„{name}“: sein Modifikator „{modifier}“ kommt nach dem, der zeichnet, und ändert keine Splats; davor schieben"
+    ),
     '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing': (
         "„{name}“: seine Nodes kopieren, was Splats zeichnet, was weggelassen wird; dort „Als Instanz“ einschalten und "
         "nichts realisieren"

@@ -29,9 +29,7 @@ class Seen:
         """With so much of the pixels along each axis."""
         camera = self.camera
         width, height = max(round(camera.width * share), 1), max(round(camera.height * share), 1)
-        x, y = width / camera.width, height / camera.height
-        focal = {"fx": camera.fx * x, "fy": camera.fy * y, "cx": camera.cx * x, "cy": camera.cy * y}
-        return replace(self, camera=replace(camera, **focal, width=width, height=height))
+        return replace(self, camera=camera.stretched(width, height))
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """[P, 2] of points [P, 3] in the world, from the upper left corner."""
@@ -66,7 +64,7 @@ def seen_by(space: Any, width: int, height: int) -> Seen:
 def _numbers(seen: Seen) -> tuple:
     camera = seen.camera
     numbers = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
-    return *camera.w2c.ravel().tolist(), *numbers, camera.orthographic, *seen.clip
+    return *camera.w2c.ravel().tolist(), *numbers, camera.orthographic, camera.film, *seen.clip
 
 
 def rendered_part(seen: Seen, corners: np.ndarray | None, border: tuple[float, ...] | None) -> Part:

@@ -52,7 +52,8 @@ class SplatsAlone:
         """What ``Answerer.answer`` says of splats alone, of the rows from ``top`` to before ``bottom``."""
         camera, request = self.camera, self.request
         part = Camera(camera.w2c, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.width, bottom - top)
-        film = (0.0, -float(top), float(camera.width), float(camera.height - top))
+        left, above, right, below = request.film or (0.0, 0.0, float(camera.width), float(camera.height))
+        film = (left, above - top, right, below - top)
         how = {"film": film, "perspective": not request.orthographic}
         names = sorted({AOV_OF_PASS[name] for name in request.passes})
         options = options_for(names, self.options)

@@ -51,6 +51,10 @@ KINDS = {
     "mesh_shadows": SWITCH,
     "denoise": SWITCH,
     "orthographic": SWITCH,
+    "film": Kind(
+        "left, top, right and bottom of the whole picture, in pixels of the camera",
+        lambda value: _list_of(_is_number, 4)(value) and value[0] < value[2] and value[1] < value[3],
+    ),
     "share": Kind("a number above 0, at most 1", lambda value: _is_number(value) and 0 < value <= 1),
     "background": Kind("a list of three numbers", _list_of(_is_number, 3)),
     "linear": SWITCH,

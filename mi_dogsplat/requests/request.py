@@ -32,19 +32,21 @@ class Request:
     """One picture.
 
     model: primitives, in world space; None: a scene without splats. camera: for splats alone. orthographic: it sees
-    along parallel rays, and its focal lengths are pixels per unit. scene: a description with sensor, surfaces and
-    lights. near_clip, antialiased: None is as the file of the model says. counts: how many primitives each object of
-    the model has, one after the other. passes: of ``PASSES``. transparent: nothing is shown behind a scene. hide_lamps:
-    the camera does not see shapes that emit light and are no objects by their ids, though surfaces
-    reflect them; neither does that of a transparent scene. max_depth: of light paths, as in
-    Mitsuba's ``path``. mesh_shadows: surfaces of a scene cast shadows onto the splats, see ``dogpath``. holdout,
-    indirect_only: numbers of objects that cut a hole into the picture, and that the camera looks through; both are
-    there for light. denoise: a scene, when all samples are there.
+    along parallel rays, and its focal lengths are pixels per unit. film: of a camera that sees a part of a picture, all
+    of it: (left, top, right, bottom) in pixels of the camera; splats look as they do there, whose shapes are held near
+    the sides of a picture. None: the camera sees all. scene: a description with sensor, surfaces and lights. near_clip,
+    antialiased: None is as the file of the model says. counts: how many primitives each object of the model has, one
+    after the other. passes: of ``PASSES``. transparent: nothing is shown behind a scene. hide_lamps: the camera does
+    not see shapes that emit light and are no objects by their ids, though surfaces reflect them; neither does that of a
+    transparent scene. max_depth: of light paths, as in Mitsuba's ``path``. mesh_shadows: surfaces of a scene cast
+    shadows onto the splats, see ``dogpath``. holdout, indirect_only: numbers of objects that cut a hole into the
+    picture, and that the camera looks through; both are there for light. denoise: a scene, when all samples are there.
     """
 
     model: Path | None = None
     camera: Camera | None = None
     orthographic: bool = False
+    film: tuple[float, float, float, float] | None = None
     scene: Path | None = None
     near_clip: float | None = None
     antialiased: bool | None = None

@@ -69,7 +69,8 @@ class Views:
         assert path and camera
         model: Shares = self._keep("model", [path], (), lambda: Shares(path))
         drawn = drawn_as(request.drawing, model.drawing)
-        seen = DeviceCamera.upload(camera, drawn.near_clip, perspective=not request.orthographic)
+        how = {"film": request.film, "perspective": not request.orthographic}
+        seen = DeviceCamera.upload(camera, drawn.near_clip, **how)
         options = RasterOptions(sh_degree=model.splats.sh_degree, antialiased=drawn.antialiased)
         params, hole = model.part(request.share), None
         if masks := splat_masks(request, model.splats.n_splats, model.chosen(request.share)):

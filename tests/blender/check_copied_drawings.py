@@ -1,4 +1,4 @@
-"""Nodes that take over what draws the splats of another object, rather than that object: left out, and said."""
+"""What changes quads of splats rather than splats, of another object or after what draws them: left out, and said."""
 
 import json
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from blender_pictures import with_alpha
 from live_views import staged, through_the_camera
-from model_files import load
+from model_files import export, load
 from references import place_camera
 from scattering import scattering
 from surroundings import GREY, background, body, material, plane
@@ -63,3 +63,21 @@ def test_what_is_no_copy_is_drawn(scene, by_command, model, tmp_path):
     found = with_alpha(scene, ENGINE, tmp_path)
     bpy.data.objects.remove(host)
     assert np.allclose(found, with_alpha(scene, ENGINE, tmp_path), atol=1e-5)
+
+
+@pytest.mark.parametrize("place", ["after", "off", "in front"])
+def test_what_comes_after_the_drawing_is_left_out_and_a_note_says_so(scene, model, tmp_path, place, capfd):
+    """Blender puts a new modifier there, where it mirrors quads."""
+    place_camera(scene, "dog")
+    obj = load(model)
+    mirror = obj.modifiers.new("Mirror", "MIRROR")
+    if place == "in front":
+        obj.modifiers.move(1, 0)
+    mirror.show_viewport = place != "off"
+    bpy.context.view_layer.update()
+    stage = staged(tmp_path, through_the_camera(scene).camera)
+    assert stage.request["counts"] == [300 if place == "in front" else 150]
+    line = f'"{obj.name}": its modifier "Mirror" comes after the one that draws and changes no splats; move it in front'
+    assert stage.notes == ([line] if place == "after" else [])
+    export(tmp_path / "out.ply")
+    assert (line in capfd.readouterr().out) == (place == "after")

@@ -164,6 +164,43 @@ def test_what_points_or_nodes_repeat_is_placed(scene, model, show, way):
     assert np.allclose(sorted(tuple(matrix[:3, 3]) for _, matrix, _ in placed), sorted(corners), atol=1e-5)
 
 
+@pytest.mark.parametrize("way", ["VERTS", "NODES"])
+def test_what_shows_only_what_it_repeats_repeats_splats(scene, model, way):
+    """Blender does not list it among the objects of a graph."""
+    obj = load(model)
+    bpy.ops.mesh.primitive_plane_add(size=2)
+    square = bpy.context.object
+    if way == "VERTS":
+        square.instance_type, obj.parent = way, square
+    else:
+        square.modifiers.new("scatter", way).node_group = scattering(obj)
+    square.show_instancer_for_viewport = square.show_instancer_for_render = False
+    bpy.context.view_layer.update()
+    placed = list(placed_splats(bpy.context.evaluated_depsgraph_get(), lambda owner: owner == square))
+    assert [(found, owner) for found, _, owner in placed] == 4 * [(obj, square)]
+
+
+@pytest.mark.parametrize("kind", ["OBJECT", "COLLECTION"])
+def test_particles_repeat_splats(scene, model, tmp_path, kind):
+    obj = load(model)
+    bpy.ops.mesh.primitive_plane_add(size=2)
+    square = bpy.context.object
+    settings = square.modifiers.new("particles", "PARTICLE_SYSTEM").particle_system.settings
+    settings.type, settings.count, settings.render_type = "HAIR", 3, kind
+    settings.use_advanced_hair = True
+    if kind == "OBJECT":
+        settings.instance_object = obj
+    else:
+        settings.instance_collection = bpy.data.collections.new("kept")
+        settings.instance_collection.objects.link(obj)
+    bpy.context.view_layer.update()
+    placed = list(placed_splats(bpy.context.evaluated_depsgraph_get(), lambda owner: owner == square))
+    assert [(found, owner) for found, _, owner in placed] == 3 * [(obj, square)]
+    bpy.ops.object.select_all(action="DESELECT")
+    square.select_set(True)
+    assert export(tmp_path / "out.ply").n_splats == 3 * len(obj.data.vertices)
+
+
 @pytest.mark.parametrize("inner", ["COLLECTION", "NODES"])
 def test_what_an_instanced_collection_makes_instances_of_is_placed(scene, model, tmp_path, inner):
     """Though no splats are in that collection itself."""

@@ -14,8 +14,10 @@ from references import REFERENCES, place_camera, reference
 from surroundings import background, link
 
 from blender_addon import render_engine as engine
+from blender_addon.cameras.objects import camera_numbers, rendered_part
 from blender_addon.engine.order import make_order
 from blender_addon.nodes.modifier import set_input, splat_modifier
+from blender_addon.scene.sensor import sensor
 
 
 class Rows:
@@ -60,6 +62,36 @@ def test_a_region_is_rendered_where_it_belongs(scene, rows, tmp_path, crop):
     assert crop or (seen.shape[:2] == (height, width) and seen.sum() == pytest.approx(part.sum()))
     (request,) = rows.requests
     assert (request["camera"]["cx"], request["camera"]["cy"]) == pytest.approx((width / 2 - left, height / 2 - top))
+    assert request["film"] == [-left, -top, width - left, height - top]
+
+
+def test_a_region_is_what_the_whole_picture_has_there(scene, by_command, tmp_path, model):
+    """Also of splats that are far outside of the region, whose shapes are held near the sides of the picture alone."""
+    place_camera(scene, "dog")
+    load(model)
+    render, scene.dogsplat_colors = scene.render, "LINEAR"
+    render.pixel_aspect_y = 1.25
+    expected = with_alpha(scene, engine.ENGINE, tmp_path)
+    render.use_border = render.use_crop_to_border = True
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.4, 0.6, 0.4, 0.6
+    found = with_alpha(scene, engine.ENGINE, tmp_path)
+    assert np.abs(found - expected[64 - 38 : 64 - 25, 38:57]).max() < 1e-5
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_the_sensor_of_a_region_of_a_scene_is_that_of_the_whole_picture(scene, kind):
+    """Its film is a window of it."""
+    place_camera(scene, "dog")
+    obj, render = scene.camera, scene.render
+    obj.data.type, obj.data.shift_x = kind, 0.1
+    whole = camera_numbers(scene, obj)
+    expected = sensor(scene, obj, whole)
+    render.use_border = True
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.4, 0.6, 0.4, 0.6
+    window = {"crop_offset_x": 38, "crop_offset_y": 64 - 38, "crop_width": 19, "crop_height": 13}
+    found = sensor(scene, obj, rendered_part(render, whole))
+    assert found.pop("film") == {**expected.pop("film"), **window}
+    assert found == expected
 
 
 def test_a_size_in_percent_is_that_of_blender(scene, rows, tmp_path):

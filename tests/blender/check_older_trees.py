@@ -8,7 +8,7 @@ from model_values import assert_equal
 from references import place_camera
 
 from blender_addon.nodes.fields import PARALLEL
-from blender_addon.nodes.groups import is_current
+from blender_addon.nodes.groups import SPACE, cached_group, is_current
 from blender_addon.nodes.material import VERSION
 from blender_addon.nodes.modifier import get_input, input_property, set_input, splat_modifier, tree_name
 from blender_addon.nodes.suited import is_suited
@@ -112,3 +112,11 @@ def test_trees_of_a_newer_version_stay(scene, model, tmp_path):
     opened(tmp_path / "new.blend")
     obj = bpy.data.objects[NAME]
     assert are_current(obj) == [False] * 4 and all(len(modifier.node_group.links) == 1 for modifier in obj.modifiers)
+
+
+def test_every_tree_is_found_again_and_made_once(scene, model):
+    """By its name; another working space shares those that know of no colors."""
+    edited(scene, model)
+    for group in bpy.data.node_groups:
+        assert cached_group(group["dogsplat"].rpartition(" ")[0], group.get(SPACE, "")) == group
+        assert group["dogsplat"].startswith("DoG Splat")

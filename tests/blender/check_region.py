@@ -45,6 +45,7 @@ def test_points_are_where_blender_draws_them(space):
         assert np.allclose(small.pixels(np.array([point])), np.divide(expected, 2), atol=1e-2)
         part = seen.window(40, 30, 100, 90)
         assert np.allclose(part.pixels(np.array([point])), np.subtract(expected, (40, 30)), atol=1e-2)
+        assert small.camera.film is None and part.scaled(0.5).camera.film == (-20, -15, 130, 85)
         depth = (seen.camera.w2c @ (*point, 1.0))[2]
         near, far = seen.clip
         if space.is_perspective:

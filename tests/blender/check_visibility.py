@@ -130,6 +130,28 @@ def test_an_instance_of_splats_is_hidden_with_what_makes_it(scene, monkeypatch, 
     assert "Inner" in names(rendered_order(scene, monkeypatch, tmp_path))
 
 
+@pytest.mark.parametrize("shown", [True, False])
+def test_what_points_repeat_is_hidden_with_the_collection_of_these(scene, tmp_path, model, shown):
+    """Splats and bodies; also where an object shows only what it repeats, and not itself."""
+    place_camera(scene, "dog")
+    load(model)  # is there all the time
+    layer, inner = None, set()
+    for obj in (load(model), body(plane(0.1), material("ShaderNodeBsdfDiffuse"))):
+        square = plane(2)
+        square.instance_type, obj.parent = "VERTS", square
+        square.show_instancer_for_viewport = shown
+        if layer is None:
+            layer = in_collection(square)
+        else:
+            scene.collection.objects.unlink(square)
+            layer.collection.objects.link(square)
+        obj.hide_set(True)  # itself, not what the points show of it
+        inner.add(obj.name)
+    assert shown_in_viewport(scene, tmp_path) >= inner
+    layer.hide_viewport = True
+    assert not shown_in_viewport(scene, tmp_path) & inner
+
+
 def by_object(obj, mask):
     if mask == "holdout":
         obj.is_holdout = True

@@ -94,6 +94,19 @@ def test_a_mirrored_camera_sees_the_mirror_image(folder):
     np.testing.assert_allclose(seen["color"], expected["color"][:, ::-1], atol=1e-5)
 
 
+def test_splats_of_a_part_look_as_in_the_whole_picture(folder, monkeypatch):
+    """Whose sides hold the shapes of splats beside them, and not those of the part; in bands, too."""
+    model, (left, top, right, bottom) = str(folder / "model.ply"), (9, 5, 14, 9)
+    part = replace(CAMERA, cx=CAMERA.cx - left, cy=CAMERA.cy - top, width=right - left, height=bottom - top)
+    whole = answered({"model": model, "camera": camera_json(CAMERA)})["color"][top:bottom, left:right]
+    alone = answered({"model": model, "camera": camera_json(part)})["color"]
+    assert np.abs(alone - whole).max() > 0.005
+    request = {"model": model, "camera": camera_json(part), "film": [-left, -top, WIDTH - left, HEIGHT - top]}
+    np.testing.assert_allclose(answered(request)["color"], whole, atol=1e-5)
+    monkeypatch.setattr("mi_dogsplat.requests.answer.BAND_PIXELS", 3 * part.width)  # bands of 3 rows and of one
+    np.testing.assert_allclose(answered(request)["color"], whole, atol=1e-5)
+
+
 def test_splats_alone_along_parallel_rays_have_a_hole_where_a_holdout_is(folder, monkeypatch):
     """Bands and the share of holdouts see what the picture sees."""
     camera = Camera(CAMERA.w2c, 6.0, 6.0, 11.0, 9.5, WIDTH, HEIGHT)

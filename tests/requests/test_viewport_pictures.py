@@ -86,6 +86,23 @@ def test_a_share_is_that_of_the_most_important(folder, views):
     np.testing.assert_allclose(last(views, smallest)[..., :3], expected.color, atol=1e-5)
 
 
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize("scene", [False, True])
+def test_a_part_looks_as_in_the_whole_picture(folder, views, scene, orthographic):
+    """Splats, and the edges of what is around them."""
+    focal, (left, top, right, bottom) = 3.0 if orthographic else 22.0, (9, 5, 20, 12)
+    camera = Camera(CAMERA.w2c, focal, focal, 11.0, 9.5, WIDTH, HEIGHT)
+    part = Camera(CAMERA.w2c, focal, focal, 11.0 - left, 9.5 - top, right - left, bottom - top)
+    request = {"model": str(folder / "model.ply"), "orthographic": orthographic, "samples": 0}
+    if scene:
+        request |= {"scene": str(folder / "scene.json"), "near_clip": 0.2}
+    whole = last(views, {**request, "camera": camera_json(camera)})[top:bottom, left:right]
+    film = [-left, -top, WIDTH - left, HEIGHT - top]
+    found = last(views, {**request, "camera": camera_json(part), "film": film})
+    np.testing.assert_allclose(found, whole, atol=1e-4)
+    assert orthographic or np.abs(last(views, {**request, "camera": camera_json(part)}) - whole).max() > 0.01
+
+
 def test_parallel_rays(folder, views):
     camera = Camera(CAMERA.w2c, 3.0, 3.0, 11.0, 9.5, WIDTH, HEIGHT)
     request = {"model": str(folder / "model.ply"), "camera": camera_json(camera), "orthographic": True}
