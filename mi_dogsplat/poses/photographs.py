@@ -142,9 +142,9 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
         target = folder / f"{photograph.name}.png"
         if target.is_file():
             continue
-        with _readable(path) as image:
-            grey = image.convert("L")
-        require_white(path, float(np.asarray(grey).max()) / 255)
+        levels = read_image(path)[..., :3].mean(axis=2)  # as the training reads it: what is transparent is black
+        require_white(path, float(levels.max()))
+        grey = Image.fromarray(np.rint(255 * levels).astype(np.uint8))
         lies = _lies(photograph, path) if photograph.turn in QUARTER_TURNS else all_lie
         if lies and photograph.turn is not None:
             grey = grey.transpose(photograph.turn)

@@ -2,14 +2,18 @@
 
 import os
 import sys
+from dataclasses import replace
 from unicodedata import normalize
 
 import numpy as np
 import pytest
 from icc_profiles import ADOBE_CURVE, ADOBE_RGB, DISPLAY_P3, SRGB_CURVE, profile, srgb_of
+from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.datasets.images import FORMS, read_image
+from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.poses.exif import read_exif
-from mi_dogsplat.poses.photographs import prepare, prepare_masks
+from mi_dogsplat.poses.photographs import Photograph, prepare, prepare_masks
+from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.support.errors import DataError
 from PIL import ExifTags, Image
 
@@ -150,6 +154,34 @@ def test_a_jpeg_with_a_preview_behind_it_stays_a_jpeg(tmp_path):
     with Image.open(tmp_path / "out" / "b.jpg") as image:
         assert image.format == "JPEG"
         assert image.size == pixels().shape[:2]
+
+
+def test_a_mask_says_the_same_in_the_search_for_poses_as_in_training(tmp_path):
+    """Erased to transparent, as painting programs do it, or with more than 8 bits."""
+    left = np.zeros((HEIGHT, WIDTH), np.uint16)
+    left[:, : WIDTH // 2] = 1
+    white, shown = Image.new("L", (WIDTH, HEIGHT), 255), Image.fromarray((255 * left).astype(np.uint8))
+    erased = Image.new("P", (WIDTH, HEIGHT), 0)
+    erased.putpalette([255, 255, 255] * 2)
+    erased.paste(1, None, shown)
+    erased.info["transparency"] = 0
+    masks = {
+        "rgba": Image.merge("RGBA", [white] * 3 + [shown]),
+        "la": Image.merge("LA", [white, shown]),
+        "p": erased,
+        "deep": Image.fromarray(20_000 + 40_000 * left),
+    }
+    (tmp_path / "masks").mkdir()
+    for name, mask in masks.items():
+        mask.save(tmp_path / "masks" / f"{name}.png")
+    made = [Photograph(f"{name}.png", WIDTH, HEIGHT, "", None) for name in masks]
+    assert prepare_masks(tmp_path / "masks", made, tmp_path / "out") == len(masks)
+    view = View("", Camera(np.eye(4), 20, 20, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT), np.zeros((HEIGHT, WIDTH, 3)))
+    views = [replace(view, name=name) for name in masks]
+    for folder in ("masks", "out"):
+        read = Masks(tmp_path / folder, views)
+        for view in views:
+            np.testing.assert_array_equal(read.of(view), left, f"{folder}, {view.name}")
 
 
 def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
