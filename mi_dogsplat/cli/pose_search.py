@@ -5,14 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..poses.config import PosesConfig
+from ..support.wording import printable
 from .errors import resumable
+from .printing import say
 
 
 def search_poses(source: Path, out: Path, config: PosesConfig) -> None:
     """Write the data set ``out`` while bars show how far it is, then print what was found. Stopped, it is resumable."""
+    from ..poses.input import not_taken
     from ..poses.run import find_poses
     from .progress import StageBars
 
+    for line in not_taken(source, Path(config.masks) if config.masks else None):
+        say(printable(f"{source}: not read: {line}"))
     with resumable(), StageBars() as bars:
         summary = find_poses(source, out, config, bars.show)
     print("\n".join(summary.lines()), flush=True)

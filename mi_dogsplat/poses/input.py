@@ -13,6 +13,7 @@ from ..datasets.run_folders import refuse_run
 from ..datasets.transforms import find_transforms
 from ..support.errors import DataError
 from ..support.run_files import are_of_run
+from ..support.wording import counted
 from .config import SETTINGS
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")
@@ -57,11 +58,29 @@ def find_photographs(folder: Path, out: Path, masks: Path | None = None) -> dict
         problem = f"{kind} images cannot be read here ({len(unread)} of {len(unread) + len(found)} are such)"
         raise DataError(unread[0], problem, "export them as JPEG or PNG, in the size in which they were taken")
     if len(found) < FEWEST:
-        videos = _files(top, VIDEOS)
+        videos, beside = _files(top, VIDEOS), _beside(folder)
         remedy = f"name the video itself: {videos[0]}" if videos else "give at least two that overlap, better 20 to 200"
+        remedy = f"move the {counted(len(beside), 'image')} beside it into it, or rename it" if beside else remedy
         n = "no image" if not found else "a single image"
-        raise DataError(folder, f"has {n}, and depth shows in several alone", remedy)
+        raise DataError(top, f"has {n}, and depth shows in several alone", remedy)
     return {path.relative_to(top).as_posix(): path for path in found}
+
+
+def not_taken(source: Path, masks: Path | None = None) -> list[str]:
+    """Photographs that ``find_photographs`` leaves out though they are neither copies nor masks, in a line."""
+    beside = _beside(source)
+    if not beside or (masks is not None and masks.resolve() == source.resolve()):
+        return []
+    only = f"there is {source / 'images'}, and only what is in that is taken; move them into it, or rename it"
+    return [f"{counted(len(beside), 'image')} of this folder, such as {beside[0].name}: {only}"]
+
+
+def _beside(folder: Path) -> list[Path]:
+    """Images that lie in a folder itself, beside the one called ``images``, of which those are taken."""
+    if not (folder / "images").is_dir():
+        return []
+    suffixes = (*SUFFIXES, *PHONES, *RAW)
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in suffixes and p.name[0] != "." and p.is_file())
 
 
 def mask_folder(source: Path, given: str | None) -> Path | None:

@@ -1,8 +1,10 @@
 """Which files are taken for a capture, by their names."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from mi_dogsplat.cli.pose_search import search_poses
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.input import find_photographs, mask_folder, needs_poses, require_input
 from mi_dogsplat.poses.run import find_poses
@@ -24,6 +26,23 @@ def test_images_are_found_below_a_folder_but_not_masks_copies_hidden_files_and_r
     assert mask_folder(tmp_path, None) == tmp_path / "masks"
     touch(tmp_path, "images/c.png", "images/d.png", "images_4/c.png")
     assert list(find_photographs(tmp_path, tmp_path / "out")) == ["c.png", "d.png"]
+
+
+def test_photographs_beside_a_folder_called_images_are_said_not_to_be_taken(tmp_path, capsys, monkeypatch):
+    """As a capture has them in which somebody has made a folder of that name; copies in other folders are none."""
+    touch(tmp_path, "1.jpg", "2.HEIC", "._1.jpg", ".DS_Store", "images_4/a.png", "images/a.png")
+    with pytest.raises(DataError, match="images: has a single image, .*; move the 2 images beside it into it"):
+        find_photographs(tmp_path, tmp_path / "out")
+    touch(tmp_path, "images/b.png")
+    assert list(find_photographs(tmp_path, tmp_path / "out")) == ["a.png", "b.png"]
+    summary = SimpleNamespace(lines=list)
+    monkeypatch.setattr("mi_dogsplat.poses.run.find_poses", lambda *arguments: summary)
+    search_poses(tmp_path, tmp_path / "out", PosesConfig())
+    said = f"{tmp_path}: not read: 2 images of this folder, such as 1.jpg: there is {tmp_path / 'images'}, and only"
+    assert said in capsys.readouterr().out
+    search_poses(tmp_path, tmp_path / "out", PosesConfig(masks=str(tmp_path)))
+    search_poses(tmp_path / "images", tmp_path / "out", PosesConfig())
+    assert "not read" not in capsys.readouterr().out
 
 
 def test_masks_within_the_folder_are_no_photographs_whatever_their_folder_is_called(tmp_path):
