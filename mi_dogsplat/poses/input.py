@@ -22,6 +22,7 @@ RAW = (
     ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".rwl", ".srw", ".pef",
     ".3fr", ".fff", ".iiq", ".x3f", ".gpr", ".mrw", ".erf", ".dcr", ".kdc",
 )  # fmt: skip
+MASKS = "masks"  # the name of their folder
 FEWEST = 2
 OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
 
@@ -84,9 +85,11 @@ def _beside(folder: Path) -> list[Path]:
 
 
 def mask_folder(source: Path, given: str | None) -> Path | None:
-    """The folder of masks that was given, or the one beside the images; None without one. Raises ``DataError``."""
+    """The folder of masks that was given, or the one beside the images, in any case, as Windows and macOS have it;
+    None without one. Raises ``DataError``."""
     if given is None:
-        return source / "masks" if (source / "masks").is_dir() else None
+        beside = [p for p in source.iterdir() if p.name.lower() == MASKS and p.is_dir()] if source.is_dir() else []
+        return max(beside, default=None)  # the usual spelling, where there are several
     if not Path(given).is_dir():
         raise DataError(given, "no such folder", "give a folder with a mask per image")
     return Path(given)
@@ -113,11 +116,11 @@ def require_input(path: Path) -> None:
 
 
 def _files(top: Path, suffixes: tuple[str, ...], without: Collection[Path] = ()) -> list[Path]:
-    """Files with one of the suffixes, of whatever case, sorted; none of folders called ``masks``, of hidden ones, of
+    """Files with one of the suffixes, of whatever case, sorted; none of folders called ``MASKS``, of hidden ones, of
     folders that were made here, nor of those ``without``, paths without links."""
     found = []
     for folder, names, files in os.walk(top):
-        names[:] = [name for name in names if name != "masks" and name[0] != "."]
+        names[:] = [name for name in names if name.lower() != MASKS and name[0] != "."]
         if Path(folder) != top and (Path(folder).resolve() in without or _made_here(files)):
             names.clear()
             continue

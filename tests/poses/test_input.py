@@ -28,6 +28,13 @@ def test_images_are_found_below_a_folder_but_not_masks_copies_hidden_files_and_r
     assert list(find_photographs(tmp_path, tmp_path / "out")) == ["c.png", "d.png"]
 
 
+@pytest.mark.parametrize("name", ["masks", "Masks", "MASKS"])
+def test_a_folder_of_masks_is_told_in_any_case(tmp_path, name):
+    touch(tmp_path, "1.jpg", "2.jpg", f"{name}/1.jpg", f"left/{name}/1.png")
+    assert mask_folder(tmp_path, None) == tmp_path / name
+    assert list(find_photographs(tmp_path, tmp_path / "out")) == ["1.jpg", "2.jpg"]
+
+
 def test_photographs_beside_a_folder_called_images_are_said_not_to_be_taken(tmp_path, capsys, monkeypatch):
     """As a capture has them in which somebody has made a folder of that name; copies in other folders are none."""
     touch(tmp_path, "1.jpg", "2.HEIC", "._1.jpg", ".DS_Store", "images_4/a.png", "images/a.png")
