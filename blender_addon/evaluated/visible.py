@@ -13,8 +13,13 @@ from ..objects.attributes import has_splats
 
 
 def all_objects(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
-    """All that a graph has evaluated. Its ``objects`` lack those that show what they repeat and not themselves."""
-    return [thing for thing in depsgraph.ids if isinstance(thing, bpy.types.Object)]
+    """Those of a graph, and those that show what they repeat and not themselves, which its ``objects`` lack.
+
+    Others that it lacks, as those with a closed eye, show nothing.
+    """
+    shows_itself = f"show_instancer_for_{'render' if depsgraph.mode == 'RENDER' else 'viewport'}"
+    objects = [thing for thing in depsgraph.ids if isinstance(thing, bpy.types.Object)]
+    return [*depsgraph.objects, *(obj for obj in objects if not getattr(obj, shows_itself))]
 
 
 def hidden_in(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> frozenset[str]:
