@@ -73,7 +73,7 @@ class Opening:
 
 def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
     """From the first of the cameras that took the photographs, or framed whole; ``dog``: as in ``Opening``."""
-    splats, cameras = subject.model.splats, subject.cameras
+    splats, cameras = subject.model.splats, subject.data.cameras
     camera = cameras[0] if cameras else automatic_camera(splats, subject.model.drawing.up)
     centre = robust_sphere(splats)[0]
     middles = [region_of_interest(cameras)[0], centre] if cameras else [centre]
