@@ -12,6 +12,7 @@ models and the order of their parameters are COLMAP's ("Camera Models"), which s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter, spline_filter
@@ -144,19 +145,27 @@ def _limits(plane: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return minimum_filter(plane, 2, origin=-1), maximum_filter(plane, 2, origin=-1)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of a principal point out of all reason, for which nothing is left
 def undistortion(source: Camera, lens: Lens) -> Undistortion:
     """The pinhole of the same pose and focal length that sees the largest rectangle inside of the photograph.
 
     source: intrinsics and size of the photograph, and its pose. Raises ``ValueError`` where no such rectangle is left.
     """
+    rectangle = _largest_rectangle(source.fx, source.fy, source.cx, source.cy, source.width, source.height, lens)
+    return Undistortion(Camera(source.w2c, source.fx, source.fy, *rectangle), lens, source)
+
+
+@lru_cache(maxsize=256)  # the photographs of a capture share a lens, and it takes as long as to read one
+@np.errstate(over="ignore", invalid="ignore")  # of a principal point out of all reason, for which nothing is left
+def _largest_rectangle(
+    fx: float, fy: float, cx: float, cy: float, width: int, height: int, lens: Lens
+) -> tuple[float, float, int, int]:
+    """Principal point and size of that pinhole, from the intrinsics and the size of the photograph."""
     if not all(abs(k) <= MAX_COEFFICIENT for k in (*lens.radial, *lens.tangential, *lens.divisor)):  # NaN is not
         raise ValueError(f"the lens {lens} has coefficients that no lens has")
     along = np.linspace(0, 1, EDGE)
     zero, one = np.zeros(EDGE), np.ones(EDGE)
-    size = source.width, source.height
     left, right, top, bottom = (
-        lens.undistort((np.stack(side, -1) * size - (source.cx, source.cy)) / (source.fx, source.fy))
+        lens.undistort((np.stack(side, -1) * (width, height) - (cx, cy)) / (fx, fy))
         for side in ((zero, along), (one, along), (along, zero), (along, one))
     )  # [EDGE, 2] each; a part of the border that no pinhole sees limits nothing
     limits = np.array(
@@ -165,13 +174,11 @@ def undistortion(source: Camera, lens: Lens) -> Undistortion:
             [np.nanmax(top[:, 1], initial=-np.inf), np.nanmin(bottom[:, 1], initial=np.inf)],
         ]
     )  # [axis, low and high], in pinhole coordinates
-    focal, center = np.array([source.fx, source.fy]), np.array([source.cx, source.cy])
+    focal, center, size = np.array([fx, fy]), np.array([cx, cy]), np.array([width, height])
     widest = lens.largest_radius / np.sqrt(2)
     low = np.maximum(np.maximum(limits[:, 0], -widest) * focal, -center * MAX_GROWTH)  # px from the principal point
-    high = np.minimum(np.minimum(limits[:, 1], widest) * focal, (np.array(size) - center) * MAX_GROWTH)
-    width, height = (int(n) for n in np.floor(np.clip(high - low, 0, MAX_GROWTH * max(size)) + 1e-6))
-    if min(width, height) < 1 or not (low < 0).all() or not (high > 0).all():
-        raise ValueError(f"the lens {lens} leaves no pinhole image of a {source.width}x{source.height} photograph")
-    cx, cy = -low
-    camera = Camera(source.w2c, source.fx, source.fy, float(cx), float(cy), width, height)
-    return Undistortion(camera, lens, source)
+    high = np.minimum(np.minimum(limits[:, 1], widest) * focal, (size - center) * MAX_GROWTH)
+    across, down = (int(n) for n in np.floor(np.clip(high - low, 0, MAX_GROWTH * max(width, height)) + 1e-6))
+    if min(across, down) < 1 or not (low < 0).all() or not (high > 0).all():
+        raise ValueError(f"the lens {lens} leaves no pinhole image of a {width}x{height} photograph")
+    return float(-low[0]), float(-low[1]), across, down

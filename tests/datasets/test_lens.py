@@ -121,6 +121,18 @@ def test_a_lens_that_folds_back_within_the_image_is_cut_before_it_does():
         undistortion(Camera(np.eye(4), 100, 100, 500, 100, 200, 200), Lens((-0.4,)))
 
 
+def test_photographs_that_share_a_lens_look_for_its_rectangle_once(monkeypatch):
+    lens, found = Lens((-0.15, 0.0321)), []
+    undistort = Lens.undistort
+    monkeypatch.setattr(Lens, "undistort", lambda self, points: (found.append(self), undistort(self, points))[1])
+    poses = [np.eye(4), np.eye(4)[[1, 2, 0, 3]]]
+    first, second = (undistortion(Camera(pose, 300, 300, 160, 120, 320, 240), lens) for pose in poses)
+    assert len(found) == 4  # sides of one photograph
+    assert np.array_equal(second.camera.w2c, poses[1]) and np.array_equal(first.camera.w2c, poses[0])
+    other = undistortion(Camera(poses[0], 301, 300, 160, 120, 320, 240), lens)
+    assert len(found) == 8 and other.camera.cx != first.camera.cx
+
+
 # Data sets
 
 def colmap_data(root: Path, name: str, size=(WIDTH, HEIGHT), images="images") -> np.ndarray:
