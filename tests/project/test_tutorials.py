@@ -83,7 +83,7 @@ def test_a_tutorial_is_saved_as_it_ran_from_top_to_bottom(path):
 
 def test_the_run_folder_that_is_shown_has_all_that_the_page_about_training_lists():
     page = (FOLDER.parent / "docs" / "training.md").read_text(encoding="utf-8")
-    table = page.partition("| in the run folder | |")[2].partition("\n\n")[0]
+    table = page.partition("| in the run folder | what it is |")[2].partition("\n\n")[0]
     names = set(re.findall(r"^\| `([\w.]+)/?` \|", table, re.M)) - OF_OTHER_RUNS
     cells = code_cells(read(FOLDER / "2_from_photographs_to_a_compact_model.ipynb"))
     (cell,) = (cell for cell in cells if "iterdir" in cell.source)
