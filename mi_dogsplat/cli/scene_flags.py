@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 FOR_SCENES = {
     "spp": ("a model alone is drawn with one sample", "make a scene .xml for more"),
     "denoise": ("a model alone has no noise", "leave it out"),
-    "sensor": ("a model alone has none", "choose a view by --camera"),
+    "sensor": ("a model alone has none", "leave it out"),
     "define": ("is for parameters of a scene", "leave it out"),
 }
 

@@ -19,6 +19,7 @@ from ..support.wording import counted
 from .camera_path import DEFAULT_SIZE, CameraPath
 from .film_config import FilmConfig
 from .output import Output
+from .pictures import NumberedPictures
 from .video import require_even, write_video
 
 MOST_FRAMES = 1_000_000
@@ -78,18 +79,20 @@ def record(
     def cameras(number: int) -> list[Camera]:
         return [path.at(float(share)).camera(*size) for share in moments[number]]
 
+    settings = {}
+    if output.pictures:  # read before anything is written, as it may fail
+        said = asdict(config) | {"path": Path(config.path).name}  # a file, wherever it is named from
+        settings = {**frames.settings(), "frames": n, **said, "size": size, "cameras_sha256": path.sha256(moments)}
     with undisguised(progress) as told, writing(output.out):
         if output.pictures is None:
-            _video(output, frames, cameras, n, size, config, lambda done: told(done, n, what))
+            _video(output.out, frames, cameras, n, size, config, lambda done: told(done, n, what))
         else:
-            said = asdict(config) | {"path": Path(config.path).name}  # a file, wherever it is named from
-            settings = {**frames.settings(), "frames": n, **said, "size": size, "cameras_sha256": path.sha256(moments)}
-            _pictures(output, frames, cameras, n, settings, lambda done: told(done, n, what))
+            _pictures(output.pictures, frames, cameras, n, settings, lambda done: told(done, n, what))
     return Film(n, size, path.what)
 
 
 def _video(
-    output: Output,
+    out: Path,
     frames: Frames,
     cameras: Callable[[int], list[Camera]],
     n: int,
@@ -99,25 +102,24 @@ def _video(
 ) -> None:
     def images() -> Iterator[np.ndarray]:
         for number in range(n):
-            line = f"stopped after {number} of {counted(n, 'frame')}; there is no {output.out}"
+            line = f"stopped after {number} of {counted(n, 'frame')}; there is no {out}"
             with _stoppable(stop, line) as goes_on:
                 image = frames.image(number, cameras(number), goes_on)
             yield image
             progress(number + 1)
 
     with StopRequest() as stop:
-        write_video(output.out, images(), size, config.fps, config.crf)
+        write_video(out, images(), size, config.fps, config.crf)
 
 
 def _pictures(
-    output: Output,
+    pictures: NumberedPictures,
     frames: Frames,
     cameras: Callable[[int], list[Camera]],
     n: int,
     settings: Mapping[str, Any],
     progress: Callable[[int], None],
 ) -> None:
-    assert (pictures := output.pictures) is not None
     with pictures.claimed(settings), StopRequest() as stop:
         for number in range(n):
             line = f"stopped after {number} of {counted(n, 'frame')}; the same command again goes on from there"

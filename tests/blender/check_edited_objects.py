@@ -144,18 +144,24 @@ def test_instances_of_a_collection_are_exported_where_they_stand(scene, model, t
     assert_moved(export(tmp_path / "out.ply"), raw, np.array(PLACED))
 
 
-@pytest.mark.parametrize("show", ["Quads", "Ellipsoids"])
-@pytest.mark.parametrize("way", ["VERTS", "NODES"])
-def test_what_points_or_nodes_repeat_is_placed(scene, model, show, way):
-    """Once for each corner of a square, and not the ellipsoids."""
-    obj = load(model)
-    set_input(splat_modifier(obj), "Show As", show)
+def square_of(obj, way):
+    """A plane that repeats an object at each of its corners, by its points or by nodes."""
     bpy.ops.mesh.primitive_plane_add(size=2)
     square = bpy.context.object
     if way == "VERTS":
         square.instance_type, obj.parent = way, square
     else:
         square.modifiers.new("scatter", way).node_group = scattering(obj)
+    return square
+
+
+@pytest.mark.parametrize("show", ["Quads", "Ellipsoids"])
+@pytest.mark.parametrize("way", ["VERTS", "NODES"])
+def test_what_points_or_nodes_repeat_is_placed(scene, model, show, way):
+    """Once for each corner of a square, and not the ellipsoids."""
+    obj = load(model)
+    set_input(splat_modifier(obj), "Show As", show)
+    square = square_of(obj, way)
     square.matrix_world = PLACED
     bpy.context.view_layer.update()
     placed = list(placed_splats(bpy.context.evaluated_depsgraph_get(), lambda owner: owner == square))
@@ -168,12 +174,7 @@ def test_what_points_or_nodes_repeat_is_placed(scene, model, show, way):
 def test_what_shows_only_what_it_repeats_repeats_splats(scene, model, way):
     """Blender does not list it among the objects of a graph."""
     obj = load(model)
-    bpy.ops.mesh.primitive_plane_add(size=2)
-    square = bpy.context.object
-    if way == "VERTS":
-        square.instance_type, obj.parent = way, square
-    else:
-        square.modifiers.new("scatter", way).node_group = scattering(obj)
+    square = square_of(obj, way)
     square.show_instancer_for_viewport = square.show_instancer_for_render = False
     bpy.context.view_layer.update()
     placed = list(placed_splats(bpy.context.evaluated_depsgraph_get(), lambda owner: owner == square))

@@ -289,6 +289,7 @@ def test_a_lens_cannot_be_shifted(scene, tmp_path):
     [
         (["--spp", "4"], "--spp: a model alone is drawn with one sample; make a scene .xml for more"),
         (["--denoise"], "--denoise: a model alone has no noise; leave it out"),
+        (["-s", "1"], "--sensor: a model alone has none; leave it out"),
         (["-D", "a=1"], "--define: is for parameters of a scene; leave it out"),
     ],
 )

@@ -73,7 +73,7 @@ def test_definitions_of_no_use_are_one_line(scene, tmp_path, capsys, given, line
 @pytest.mark.parametrize(
     ("flags", "line"),
     [
-        (["-s", "1"], "--sensor: a model alone has none; choose a view by --camera"),
+        (["-s", "1"], "--sensor: a model alone has none; leave it out"),
         (["-D", "light=1"], "--define: is for parameters of a scene; leave it out"),
     ],
 )
