@@ -10,7 +10,8 @@ from ..runs.stopping import Stopped, stopped_with
 from ..support.errors import DataError
 from .streams import discard
 
-EXTRA_OF = {"pycolmap": "poses", "av": "poses"}  # what a training needs for plain images and videos only
+# what single commands need, and a training for plain images and videos only
+EXTRA_OF = {"pycolmap": "poses", "av": "poses", "skimage": "mesh"}
 SIGPIPE = 13  # by POSIX; Windows has no such signal
 STOPPED = "stopped before the end; nothing is half-written"  # of what does not know better
 

@@ -31,6 +31,7 @@ STATIONS = [
     {"film"},
     {"export"},
     {"editing"},
+    {"meshing"},
     {"viewer"},
     {"cli"},
     {"demo"},

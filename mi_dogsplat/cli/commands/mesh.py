@@ -1,0 +1,50 @@
+"""The command ``dogsplat mesh``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ...meshing.mesh_config import MeshConfig
+from ...render.picture_options import PictureOptions
+from ...support.variants import set_variant
+from ...support.wording import counted
+from ...training.config import TrainConfig
+from ..flags import MODEL_HELP, add_settings, given_settings
+
+SUMMARY = "the surface of a model as triangles"
+EXAMPLES = """
+Examples:
+  dogsplat mesh model.ply -o surface.ply                      from views around the model, and from within
+  dogsplat mesh run/point_cloud.ply -o surface.ply --data photos/
+                                                              from the views of its training
+  dogsplat mesh model.ply -o surface.obj --voxel 0.02 --connected 1
+                                                              a point each 0.02 units, and the largest part alone
+
+For what splats cannot do themselves: a ball that rolls over them, a shadow that falls on them in another
+renderer. Depth pictures of the model are fused to a signed distance, and marching cubes make triangles of it.
+The mesh lies in the coordinates of the model, and has the colours of its vertices.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give its parser what it is called with."""
+    parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".ply or .obj")
+    add_settings(parser, MeshConfig)
+    parser.add_argument("--data", metavar="DATA", help="data set whose training views are fused")
+    add_settings(parser, PictureOptions, ["downscale", "antialiased", "near_clip"])
+    add_settings(parser, TrainConfig, ["variant"])
+
+
+def run(args: argparse.Namespace) -> None:
+    """Find the surface that pictures of a model show, and write it as a mesh."""
+    config, options = given_settings(MeshConfig, args), given_settings(PictureOptions, args)
+    set_variant(args.variant)
+    from ...meshing.make import make_mesh
+    from ..progress import Bar
+
+    with Bar("view") as bar:
+        made = make_mesh(args.model, args.out, config, args.data, options, bar.show)
+    views = counted(made.n_views, "view")
+    print(f"{args.out}: {counted(made.n_faces, 'triangle')} from {views}; a voxel is {made.voxel:.4g}")

@@ -1,0 +1,142 @@
+"""A triangle mesh of a model's surface; behind ``dogsplat mesh``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..datasets import load_dataset
+from ..export.refine import look_from_near
+from ..formats.read import read_source
+from ..render.framing import robust_sphere
+from ..render.picture_options import PictureOptions
+from ..render.vantages import vantage_cameras
+from ..scene.cameras import Camera
+from ..scene.drawing import DrawnAs, drawn_as
+from ..scene.splats import Array, Splats
+from ..support.errors import DataError
+from ..support.memory import available_memory
+from ..support.settings import refuse
+from ..support.variants import require_arrays
+from ..support.wording import counted, file_size
+from .blocks import VOXELS, BlockFinder, Blocks
+from .fusion import Fusion
+from .marching import zero_surface
+from .mesh import Mesh
+from .mesh_config import MeshConfig
+from .mesh_files import writer_of
+from .surface_views import SurfaceViews, points_of
+from .vertex_colors import vertex_colors
+
+VOXELS_OF_RADIUS = 128
+TRUNCATION = 4.0  # voxels, to either side of a surface
+MOST_BLOCKS = 1 << 22  # beyond, sums have more entries than Dr.Jit can index
+BYTES = 32  # of a voxel, while its distance becomes triangles
+LEAST_VIEWS = 2  # that tell a voxel, or all where there are fewer
+
+
+@dataclass(frozen=True)
+class Meshed:
+    """What came of it."""
+
+    n_faces: int
+    n_views: int
+    voxel: float
+    """world units"""
+
+
+def make_mesh(
+    model: str | Path,
+    out: str | Path,
+    config: MeshConfig = MeshConfig(),
+    data: str | Path | None = None,
+    options: PictureOptions = PictureOptions(),
+    show: Callable[[int, int], None] | None = None,
+) -> Meshed:
+    """Write the surface of a model as triangles with colours, in the coordinates of the model.
+
+    Args:
+        model: the model, of any format.
+        out: the .ply or .obj to write.
+        config: how.
+        data: a data set whose training views are fused; without one cameras are placed around and inside.
+        options: how pictures are drawn; what they do not say, the model's file does.
+        show: called with the views that are done, each of which is looked at three times, and how many there are.
+
+    Needs a Mitsuba variant. Raises ``DataError``.
+    """
+    require_arrays()
+    model, out = Path(model), Path(out)
+    write = writer_of(out)
+    options.require_use(images=bool(data), pictures=True)
+    read = read_source(model, out, "mesh")
+    splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
+    options.require_for(drawn.linear)
+    if data:
+        cameras = [view.camera for view in load_dataset(data, options.shrink).train]
+    else:
+        cameras = vantage_cameras(splats, config.views, config.size, 0, config.inside, read.drawing.up)
+        drawn = look_from_near(splats, drawn).drawn
+    mesh, voxel = surface_of(splats, cameras, drawn, config, show)
+    if not len(mesh.faces):
+        problem = "no surface is seen that hides half of what is behind it"
+        raise DataError(model, problem, "use a smaller --voxel, fewer --min-faces, or other views")
+    write(out, mesh)
+    return Meshed(len(mesh.faces), len(cameras), voxel)
+
+
+def surface_of(
+    splats: Splats,
+    cameras: list[Camera],
+    drawn: DrawnAs,
+    config: MeshConfig = MeshConfig(),
+    show: Callable[[int, int], None] | None = None,
+) -> tuple[Mesh, float]:
+    """The surface that cameras see of a model, and the voxel it was looked for with, world units.
+
+    Args:
+        cameras: V >= 1 of them.
+        drawn: how the model is drawn.
+        config: its ``voxel``, ``reach``, ``min_faces`` and ``connected``.
+        show: as in ``make_mesh``.
+
+    Raises ``DataError`` where there would be too many voxels.
+    """
+    done = 0
+
+    def tell() -> None:
+        nonlocal done
+        done += 1
+        if show:
+            show(done, 3 * len(cameras))
+
+    centre, radius = robust_sphere(splats)
+    voxel = config.voxel or radius / VOXELS_OF_RADIUS
+    views = SurfaceViews.of(splats, cameras, drawn)
+    blocks = seen_blocks(views, centre, voxel, config.reach * radius, tell)
+    fusion = Fusion(blocks, TRUNCATION * voxel)
+    for camera in cameras:
+        fusion.add(camera, views.depth(camera), views.near)
+        tell()
+    distances, counts = fusion.distances()
+    mesh = zero_surface(blocks, distances, counts >= min(LEAST_VIEWS, len(cameras)))
+    mesh = mesh.without_crumbs(config.min_faces, config.connected)
+    return replace(mesh, colors=vertex_colors(mesh.vertices, views, TRUNCATION * voxel, tell)), voxel
+
+
+def seen_blocks(views: SurfaceViews, centre: Array, voxel: float, reach: float, tell: Callable[[], None]) -> Blocks:
+    """Blocks near the surfaces that views see within ``reach`` of ``centre``. Raises ``DataError`` for too many."""
+    if reach / voxel > 1 << 19:
+        refuse("voxel", f"{voxel:g} is too small for a model that reaches {reach:g} far", "use a larger one")
+    finder = BlockFinder(centre, voxel, TRUNCATION * voxel)
+    for camera in views.cameras:
+        points = points_of(camera, views.depth(camera))
+        finder.add(points[((points - centre) ** 2).sum(axis=1) <= reach**2])
+        tell()
+    blocks = finder.blocks()
+    need = len(blocks.keys) * VOXELS * BYTES
+    if len(blocks.keys) > MOST_BLOCKS or need > (available_memory() or need):
+        problem = f"{voxel:g} makes {counted(len(blocks.keys) * VOXELS, 'voxel')}, of {file_size(need)} in memory"
+        refuse("voxel", problem, "use a larger one, or a smaller --reach")
+    return blocks

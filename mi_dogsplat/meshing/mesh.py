@@ -1,0 +1,48 @@
+"""A triangle mesh in memory, and which of its parts are worth having."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..scene.splats import Array
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles in the coordinates of the model; seen from outside their corners go counterclockwise."""
+
+    vertices: Array
+    """[V, 3] float64, in units of the model"""
+    faces: Array
+    """[F, 3] int, rows of ``vertices``"""
+    colors: Array | None = None
+    """[V, 3] display-referred, 0..1; None: not known"""
+
+    def parts(self) -> Array:
+        """[F] which connected part each face is in, counted from 0; parts that share a vertex are one."""
+        a, b, c = self.faces.T
+        edges = np.concatenate([a, b]), np.concatenate([b, c])
+        n = len(self.vertices)
+        graph = coo_array((np.ones(len(edges[0]), bool), edges), shape=(n, n))
+        return connected_components(graph, directed=False)[1][a]
+
+    def with_faces(self, keep: Array) -> Mesh:
+        """The mesh of the faces ``keep`` [F] (bool), and the vertices that these have, in their order."""
+        used, faces = np.unique(self.faces[keep], return_inverse=True)
+        colors = None if self.colors is None else self.colors[used]
+        return replace(self, vertices=self.vertices[used], faces=faces.reshape(-1, 3), colors=colors)
+
+    def without_crumbs(self, least: int, most_parts: int | None = None) -> Mesh:
+        """The mesh without parts of fewer than ``least`` faces; if asked, with the largest ``most_parts`` alone."""
+        if not len(self.faces):
+            return self
+        part = self.parts()
+        sizes = np.bincount(part)
+        kept = sizes >= least
+        if most_parts is not None:
+            kept &= np.isin(np.arange(len(sizes)), np.argsort(-sizes, kind="stable")[:most_parts])
+        return self.with_faces(kept[part])

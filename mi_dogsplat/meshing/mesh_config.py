@@ -1,0 +1,34 @@
+"""How a mesh is made of a model; what stands beside a field's type is the help text of its flag."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from ..support.settings import Setting, check_settings, refuse
+
+VOXEL = "distance of the points at which the surface is looked for, world units (default: radius of the model / 128)"
+REACH = "how far from the middle of the model there is a mesh, in radii of the model"
+MIN_FACES = "leave out connected parts with fewer triangles"
+CONNECTED = "keep the N connected parts with most triangles"
+VIEWS = "views to fuse, from around the model and from within; --data has its own"
+SIZE = "width and height of these views, in pixels"
+INSIDE = "share of these views that is from free places within the model; 1 for a room"
+
+
+@dataclass(frozen=True)
+class MeshConfig:
+    """Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed."""
+
+    voxel: Annotated[float | None, Setting(VOXEL, "X", least=1e-30, most=1e30)] = None
+    reach: Annotated[float, Setting(REACH, "X", least=1e-3, most=100)] = 2.0
+    min_faces: Annotated[int, Setting(MIN_FACES, least=1)] = 100
+    connected: Annotated[int | None, Setting(CONNECTED, least=1)] = None
+    views: Annotated[int, Setting(VIEWS, least=1)] = 96
+    size: Annotated[tuple[int, int], Setting(SIZE, "W H")] = (640, 480)
+    inside: Annotated[float, Setting(INSIDE, least=0, most=1)] = 0.5
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if min(self.size) < 16:
+            refuse("size", f"{self.size[0]} x {self.size[1]} is too small", "use at least 16 x 16")
