@@ -9,7 +9,7 @@ from .parser import build_parser
 from .streams import discard_unread, open_closed_streams, print_every_character
 
 # of pyproject.toml, named as the commands that need them; the others need "train"
-EXTRAS = ("export", "film", "poses", "view")
+EXTRAS = ("export", "film", "mesh", "poses", "view")
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -5,6 +5,7 @@ A voxel is a point of a grid with integer coordinates: ``centre`` plus ``voxel``
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,19 +70,35 @@ class BlockFinder:
     def __init__(self, centre: Array, voxel: float, reach: float):
         self.centre, self.voxel, self.reach = centre, voxel, reach
         self._cells = np.zeros(0, np.int64)  # keys of cubes of the side ``reach`` that hold a point
+        self._later = [self._cells]  # of points that came since then
 
     def add(self, points: Array) -> None:
         """Points [P, 3] of a surface."""
         cells = np.floor((points - self.centre) / self.reach).astype(np.int64)
-        self._cells = np.union1d(self._cells, keys_of(cells))
+        self._later.append(np.unique(keys_of(cells)))
+        if sum(map(len, self._later)) > len(self._cells):  # or each point would be sorted once for each view
+            self._merge()
+
+    def _merge(self) -> None:
+        self._cells = np.unique(np.concatenate([self._cells, *self._later]))
+        self._later = []
+
+    @property
+    def at_least(self) -> int:
+        """How many blocks there will be at least."""
+        return len(self._cells) // max(1, math.ceil(SIDE * self.voxel / self.reach)) ** 3
 
     def blocks(self) -> Blocks:
         """All of whose voxels some may be within reach of a point."""
+        self._merge()
         cells = places_of(self._cells)
-        near = np.unique(keys_of((cells[:, None] + AROUND).reshape(-1, 3)))
-        first = np.floor(places_of(near) * (self.reach / self.voxel) / SIDE).astype(np.int64)  # [C, 3] of a low corner
-        last = np.floor((places_of(near) + 1) * (self.reach / self.voxel) / SIDE).astype(np.int64)
-        keys = [keys_of(np.where(corner, last, first)) for corner in np.ndindex(2, 2, 2)]
+        near = places_of(np.unique(keys_of((cells[:, None] + AROUND).reshape(-1, 3))))  # [C, 3]
+        blocks_of_cell = self.reach / (SIDE * self.voxel)  # along an edge
+        n = math.ceil(blocks_of_cell)  # points of a cell that are a block apart, or less, are in all of its blocks
+        keys = [
+            keys_of(np.floor((near + np.array(steps) / n) * blocks_of_cell).astype(np.int64))
+            for steps in np.ndindex(n + 1, n + 1, n + 1)
+        ]
         return Blocks(self.centre, self.voxel, np.unique(np.concatenate(keys)))
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from ..datasets import load_dataset
 from ..export.refine import look_from_near
@@ -33,6 +36,7 @@ VOXELS_OF_RADIUS = 128
 TRUNCATION = 4.0  # voxels, to either side of a surface
 MOST_BLOCKS = 1 << 22  # beyond, sums have more entries than Dr.Jit can index
 BYTES = 32  # of a voxel, while its distance becomes triangles
+VOXELS_OF_PIXEL = 4  # more of them along what a pixel of the finest view shows, and the surface falls into crumbs
 LEAST_VIEWS = 2  # that tell a voxel, or all where there are fewer
 
 
@@ -126,17 +130,33 @@ def surface_of(
 
 
 def seen_blocks(views: SurfaceViews, centre: Array, voxel: float, reach: float, tell: Callable[[], None]) -> Blocks:
-    """Blocks near the surfaces that views see within ``reach`` of ``centre``. Raises ``DataError`` for too many."""
+    """Blocks near the surfaces that views see within ``reach`` of ``centre``.
+
+    Raises ``DataError`` for more than there is memory for, and for voxels that are much finer than the views.
+    """
     if reach / voxel > 1 << 19:
         refuse("voxel", f"{voxel:g} is too small for a model that reaches {reach:g} far", "use a larger one")
-    finder = BlockFinder(centre, voxel, TRUNCATION * voxel)
+    finder, finest = BlockFinder(centre, voxel, TRUNCATION * voxel), math.inf
     for camera in views.cameras:
         points = points_of(camera, views.depth(camera))
-        finder.add(points[((points - centre) ** 2).sum(axis=1) <= reach**2])
+        points = points[((points - centre) ** 2).sum(axis=1) <= reach**2]
+        finder.add(points)
+        require_room(finder.at_least, voxel)
+        if len(points):
+            depth = np.median(camera.project(points)[1])
+            finest = min(finest, depth / max(camera.fx, camera.fy))
         tell()
+    if voxel < finest / VOXELS_OF_PIXEL < math.inf:
+        remedy = f"use {finest / VOXELS_OF_PIXEL:.2g} or more, or larger views"
+        refuse("voxel", f"{voxel:g} is finer than the views, whose pixels are {finest:.2g} wide at the surface", remedy)
     blocks = finder.blocks()
-    need = len(blocks.keys) * VOXELS * BYTES
-    if len(blocks.keys) > MOST_BLOCKS or need > (available_memory() or need):
-        problem = f"{voxel:g} makes {counted(len(blocks.keys) * VOXELS, 'voxel')}, of {file_size(need)} in memory"
-        refuse("voxel", problem, "use a larger one, or a smaller --reach")
+    require_room(len(blocks.keys), voxel)
     return blocks
+
+
+def require_room(n_blocks: int, voxel: float) -> None:
+    """Raise ``DataError`` for more blocks than the memory can hold, or Dr.Jit index."""
+    need = n_blocks * VOXELS * BYTES
+    if n_blocks > MOST_BLOCKS or need > (available_memory() or need):
+        problem = f"{voxel:g} makes {counted(n_blocks * VOXELS, 'voxel')} or more, of {file_size(need)} in memory"
+        refuse("voxel", problem, "use a larger one, or a smaller --reach")

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..engine.device_camera import DeviceCamera
-from ..engine.median_surface import median_surface
-from ..engine.options import RasterOptions
-from ..engine.parameters import upload
-from ..engine.rasterize import Frame, rasterize
+from ..render.picture import Picture, picture_of
 from ..scene.cameras import Camera
 from ..scene.drawing import DrawnAs
 from ..scene.splats import Array, Splats
-from ..support.srgb import displayed
 
+# the AOV, the z of a centre: where the ray is deepest in that primitive was tried, and is worse (docs/mesh.md)
+DEPTH = "median_depth"
 LEAST_ALPHA = 1e-6  # by which colours are divided
 
 
@@ -24,39 +22,23 @@ class SurfaceViews:
     """Pictures of one model, rendered when they are asked for."""
 
     cameras: list[Camera]
-    drawn: DrawnAs
-    params: dict
-    """of the model, as ``upload`` makes them"""
-    options: RasterOptions
+    near: float
+    """what is nearer is not drawn, world units along the optical axis"""
+    picture: Callable[[Camera], Picture]
 
     @staticmethod
     def of(splats: Splats, cameras: list[Camera], drawn: DrawnAs) -> SurfaceViews:
         """Of a model that is drawn like that, from these cameras."""
-        options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawn.antialiased)
-        return SurfaceViews(cameras, drawn, upload(splats), options)
-
-    @property
-    def near(self) -> float:
-        """What is nearer is not drawn, world units along the optical axis."""
-        return self.drawn.near_clip
+        return SurfaceViews(cameras, drawn.near_clip, picture_of(splats, 0.0, drawn, (DEPTH,)))
 
     def depth(self, camera: Camera) -> Array:
-        """[H, W] depth along the optical axis of the surface that stops half of the light, 0 where none does."""
-        return self._seen(camera)[1]
+        """[H, W] depth along the optical axis of what stops half of the light, 0 where nothing does."""
+        return self.depth_and_color(camera)[0]
 
     def depth_and_color(self, camera: Camera) -> tuple[Array, Array]:
         """The same, and [H, W, 3] display-referred colours of the splats alone."""
-        frame, depth = self._seen(camera)
-        planes = np.stack([plane.numpy().reshape(depth.shape) for plane in frame.colors], axis=-1)
-        alpha = 1 - frame.T.numpy().reshape(*depth.shape, 1)
-        color = planes / np.maximum(alpha, LEAST_ALPHA)
-        return depth, displayed(color, self.drawn.white) if self.drawn.linear else np.clip(color, 0, 1)
-
-    def _seen(self, camera: Camera) -> tuple[Frame, Array]:
-        on_device = DeviceCamera.upload(camera, self.near)
-        frame = rasterize(self.params, on_device, self.options)
-        depth = median_surface(self.params, on_device, frame).numpy()
-        return frame, depth.reshape(camera.height, camera.width)
+        seen = self.picture(camera)
+        return seen.aovs[f"{DEPTH}.Z"], seen.color / np.maximum(seen.alpha, LEAST_ALPHA)[..., None]
 
 
 def points_of(camera: Camera, depth: Array) -> Array:

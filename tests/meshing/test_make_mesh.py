@@ -1,0 +1,166 @@
+"""``dogsplat mesh``: the surface of a model of known shape and colours; bad input in a line."""
+
+import numpy as np
+import pytest
+import tiny_data
+from command_line import assert_one_line, run
+from mi_dogsplat import write_ply
+from mi_dogsplat.formats.model import Model
+from mi_dogsplat.formats.write import write_model
+from mi_dogsplat.meshing.make import make_mesh, surface_of
+from mi_dogsplat.meshing.mesh_config import MeshConfig
+from mi_dogsplat.render.framing import robust_sphere
+from mi_dogsplat.scene.drawing import Drawing, DrawnAs
+from mi_dogsplat.scene.radiance import brightened
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.errors import DataError
+from splat_scenes import make_splats, rounded
+
+RADIUS, CENTRE = 0.7, np.array([0.2, -0.1, 0.3])
+FAST = ["--views", "12", "--size", "80", "60", "--inside", "0"]
+
+
+def ball(n=3000, colors=None) -> Splats:
+    """Opaque discs on a sphere, red above and blue below."""
+    k = np.arange(n) + 0.5
+    z, angle = 1 - 2 * k / n, np.pi * (1 + 5**0.5) * k
+    normals = np.stack([np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z], 1)
+    half = np.sqrt((1 + z) / 2)  # turns z to the normal
+    quats = np.column_stack([-normals[:, 1] / (2 * half), normals[:, 0] / (2 * half), np.zeros(n), half])
+    if colors is None:
+        colors = np.where(z[:, None] > 0, [1, 0.1, 0], [0, 0.2, 1])
+    return rounded(make_splats(CENTRE + RADIUS * normals, (0.03, 0.03, 1e-3), 0.95, colors, quats=quats))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "model.ply"
+    write_ply(path, ball())
+    return path
+
+
+def vertices_of(path) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and colours of an .obj."""
+    rows = np.array([line.split()[1:] for line in path.read_text().splitlines() if line.startswith("v ")], float)
+    return rows[:, :3], rows[:, 3:]
+
+
+def meshed(capsys, model, out, *flags) -> str:
+    """What the command says."""
+    status, said, error = run(capsys, "mesh", model, "-o", out, *FAST, *flags)
+    assert status == 0, error
+    return said
+
+
+def test_a_ball_is_a_ball_with_its_colours(model, tmp_path, capsys):
+    out = tmp_path / "surface.obj"
+    said = meshed(capsys, model, out, "--voxel", "0.04")
+    positions, colors = vertices_of(out)
+    distances = np.linalg.norm(positions - CENTRE, axis=1)
+    np.testing.assert_allclose(distances.mean(), RADIUS, atol=0.02)  # half a voxel
+    assert abs(distances - RADIUS).max() < 2 * 0.03  # deviations of a disc, whose depth is that of its centre
+    z = positions[:, 2] - CENTRE[2]
+    assert z.min() < -0.65 and z.max() > 0.65
+    np.testing.assert_allclose(colors[z > 0.15].mean(axis=0), [1, 0.1, 0], atol=0.05)
+    np.testing.assert_allclose(colors[z < -0.15].mean(axis=0), [0, 0.2, 1], atol=0.05)
+    n = sum(line.startswith("f ") for line in out.read_text().splitlines())
+    assert said.splitlines()[-1] == f"{out}: {n:,} triangles from 12 views; a voxel is 0.04"
+
+
+def test_the_voxel_follows_the_size_of_the_model(model, tmp_path, capsys):
+    said = meshed(capsys, model, tmp_path / "surface.ply")
+    assert said.endswith(f"a voxel is {robust_sphere(ball())[1] / 128:.4g}\n")
+
+
+def test_the_views_of_data_are_fused(tmp_path, capsys):
+    """A camera sees a half: the rest of the ball has no mesh."""
+    write_ply(tmp_path / "model.ply", ball())
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=2)  # one to train, one to test
+    out = tmp_path / "surface.obj"
+    flags = ["mesh", tmp_path / "model.ply", "-o", out, "--data", data, "--voxel", "0.04"]
+    status, said, error = run(capsys, *flags)
+    assert status == 0 and "from 1 view;" in said, error
+    positions = vertices_of(out)[0] - CENTRE
+    toward = (3 * np.array([-1, 0, -0.3]) - CENTRE) / np.linalg.norm(3 * np.array([-1, 0, -0.3]) - CENTRE)
+    assert (positions @ toward).min() > -0.3
+    assert (positions @ toward).max() > 0.6
+
+
+def test_the_largest_part_alone_and_the_reach(tmp_path, capsys):
+    small = ball(400)
+    means = np.concatenate([ball().means, CENTRE + (1.6, 0, 0) + 0.3 * (small.means - CENTRE)])
+    near = Splats(**{
+        name: np.concatenate([getattr(ball(), name), getattr(small, name)])
+        for name in ("log_scales", "quats", "logit_opacities", "sh_coeffs")
+    }, means=means)  # fmt: skip
+    write_ply(tmp_path / "two.ply", near)
+    found = {}
+    for name, flags in (("both", ["--connected", "2"]), ("one", ["--connected", "1"]), ("near", ["--reach", "0.7"])):
+        meshed(capsys, tmp_path / "two.ply", tmp_path / "o.obj", "--voxel", "0.05", "--min-faces", "20", *flags)
+        found[name] = (vertices_of(tmp_path / "o.obj")[0] - CENTRE)[:, 0].max()
+    assert found["both"] > 1.7 and found["one"] < 0.8 and found["near"] < 1.3, found
+
+
+def test_colours_of_linear_radiance_are_those_that_a_screen_shows(tmp_path, capsys):
+    grey = ball(colors=np.full((3000, 3), 0.5))
+    write_model(tmp_path / "m.ply", Model(brightened(grey, 4.0), Drawing(linear=True, white=4.0)))
+    meshed(capsys, tmp_path / "m.ply", tmp_path / "o.obj", "--voxel", "0.1")
+    np.testing.assert_allclose(np.median(vertices_of(tmp_path / "o.obj")[1], axis=0), 0.735, atol=0.01)  # sRGB of 0.5
+
+
+def test_the_same_model_gives_the_same_bits():
+    cameras = tiny_data.cameras(4)
+    first, second = (surface_of(ball(), cameras, DrawnAs(), MeshConfig(voxel=0.06))[0] for _ in range(2))
+    for name in ("vertices", "faces", "colors"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def test_bad_input_is_one_line_and_nothing_is_written(model, tmp_path, capsys):
+    faint = tmp_path / "faint.ply"
+    write_ply(faint, rounded(make_splats(np.random.default_rng(0).normal(size=(50, 3)), 0.1, 0.02)))
+    cases = {
+        "no known mesh format; name a file that ends in .ply or .obj": [model, "-o", tmp_path / "o.stl"],
+        "--voxel: 1e-08 is too small for a model": [model, "-o", tmp_path / "o.ply", "--voxel", "1e-8"],
+        "hides half of what is behind it": [faint, "-o", tmp_path / "o.ply"],
+        "is the model itself": [model, "-o", model],
+        "there are no images to shrink": [model, "-o", tmp_path / "o.ply", "--downscale", "2"],
+        "no such": [model, "-o", tmp_path / "o.ply", "--data", tmp_path / "nowhere"],
+        "16 x 8 is too small": [model, "-o", tmp_path / "o.ply", "--size", "16", "8"],
+    }
+    before = model.read_bytes()
+    for expected, arguments in cases.items():
+        flags = [] if "--size" in arguments else FAST
+        status, said, error = run(capsys, "mesh", *arguments, *flags)
+        line = error.splitlines()[-1]  # of what is seen late, after a bar
+        assert status == 2 and not said and line.startswith("dogsplat: ") and expected in line
+    assert model.read_bytes() == before and not list(tmp_path.glob("o.*"))
+
+
+def test_too_many_voxels_for_the_memory_are_one_line(model, tmp_path, capsys, monkeypatch):
+    """Told as soon as it is known, and not after all views."""
+    monkeypatch.setattr("mi_dogsplat.meshing.make.available_memory", lambda: 100_000)
+    result = run(capsys, "mesh", model, "-o", tmp_path / "o.ply", "--voxel", "0.02", *FAST)
+    assert_one_line(result, "--voxel: 0.02 makes", "use a larger one, or a smaller --reach")
+
+
+def test_a_voxel_much_finer_than_the_views_is_one_line(model, tmp_path, capsys):
+    """It would make crumbs, for minutes. It is known after a look at all views, when there is a bar."""
+    status, said, error = run(capsys, "mesh", model, "-o", tmp_path / "o.ply", "--voxel", "1e-4", *FAST)
+    assert status == 2 and not said and not list(tmp_path.iterdir())
+    expected = "dogsplat: --voxel: 0.0001 is finer than the views, whose pixels are 0.02 wide at the surface; "
+    assert error.splitlines()[-1] == expected + "use 0.005 or more, or larger views"
+
+
+def test_progress_is_told_view_by_view(model, tmp_path):
+    told = []
+    config = MeshConfig(voxel=0.1, views=3, size=(40, 30), inside=0)
+    made = make_mesh(model, tmp_path / "o.ply", config, show=lambda done, total: told.append((done, total)))
+    assert told == [(k, 9) for k in range(1, 10)]
+    assert made.n_views == 3 and made.n_faces > 100
+
+
+def test_a_library_call_raises_a_value_error(model, tmp_path):
+    with pytest.raises(DataError):
+        make_mesh(model, tmp_path / "o.ply", MeshConfig(voxel=1e-8))
+    with pytest.raises(ValueError, match="--voxel"):
+        MeshConfig(voxel=-1)

@@ -1,0 +1,40 @@
+"""Files of meshes, read back by Mitsuba and by hand."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from mi_dogsplat.meshing.mesh import Mesh
+from mi_dogsplat.meshing.mesh_files import WRITERS, writer_of
+from mi_dogsplat.support.errors import DataError
+
+VERTICES = np.array([[0, 0, 0], [1.5, 0, 0], [0, 2.25, 0], [0, 0, -1e-3]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+COLORS = np.array([[1, 0, 0], [0, 0.5, 1], [0.2, 0.4, 0.6], [0, 0, 0]])
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("colors", [COLORS, None])
+def test_mitsuba_reads_what_was_written(suffix, colors, tmp_path):
+    path = tmp_path / f"mesh{suffix}"
+    writer_of(path)(path, Mesh(VERTICES, FACES, colors))
+    mesh = mi.load_dict({"type": suffix[1:], "filename": str(path)})
+    assert isinstance(mesh, mi.Mesh)
+    params = mi.traverse(mesh)
+    positions = np.array(params["vertex_positions"]).reshape(-1, 3)
+    faces = np.array(params["faces"]).reshape(-1, 3)
+    np.testing.assert_allclose(positions[faces], VERTICES[FACES], rtol=1e-6)
+    if suffix == ".ply" and colors is not None:
+        np.testing.assert_array_equal(np.array(params["vertex_color"]).reshape(-1, 3), np.rint(255 * COLORS))
+
+
+def test_an_obj_has_colours_behind_its_positions(tmp_path):
+    path = tmp_path / "mesh.OBJ"
+    writer_of(path)(path, Mesh(VERTICES, FACES, COLORS))
+    lines = path.read_text().splitlines()
+    assert lines[1] == "v 1.5 0 0 0 0.5 1" and lines[4] == "f 1 3 2" and len(lines) == 8
+
+
+def test_another_name_is_one_line(tmp_path):
+    with pytest.raises(DataError, match=r"mesh.stl: no known mesh format; name a file that ends in .ply or .obj"):
+        writer_of(tmp_path / "mesh.stl")
