@@ -54,6 +54,7 @@ gallery: setup
 	$(PY) -m scripts.pictures.aovs
 	$(PY) -m scripts.pictures.mitsuba_scenes
 	$(PY) -m scripts.pictures.light
+	$(PY) -m scripts.pictures.mesh
 	$(PY) -m scripts.pictures.film
 	$(PY) -m benchmarks ellipsoids --picture
 	$(PY) -m mi_dogsplat.demo -o demo/gallery --picture docs/pictures/demo.png

@@ -1,0 +1,81 @@
+"""Makes docs/pictures/mesh.png: a model, and the mesh that ``dogsplat mesh`` makes of it, shaded and with its colours.
+
+``python -m scripts.pictures.mesh``; the model is scenes/still_life.ply.
+"""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
+import mitsuba as mi
+import numpy as np
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.meshing.make import surface_of
+from mi_dogsplat.meshing.mesh_config import MeshConfig
+from mi_dogsplat.meshing.mesh_files import write_ply
+from mi_dogsplat.render.framing import automatic_camera
+from mi_dogsplat.render.panels import labelled
+from mi_dogsplat.render.picture import picture_of
+from mi_dogsplat.render.vantages import vantage_cameras
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.drawing import drawn_as
+from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
+from mi_dogsplat.support.srgb import linear_to_srgb
+
+from .panels import write_rows
+
+MODEL = Path(__file__).parents[2] / "scenes" / "still_life.ply"
+WIDTH, HEIGHT = 480, 360  # pixels of a picture
+BACKGROUND = 0.08  # grey
+CONFIG = MeshConfig(inside=0, voxel=0.015)
+
+
+def main() -> None:
+    mi.set_variant("llvm_ad_rgb")
+    read = read_model(MODEL)
+    splats, drawn = read.splats, drawn_as(read.drawing, read.drawing)
+    cameras = vantage_cameras(splats, CONFIG.views, CONFIG.size, 0, CONFIG.inside, read.drawing.up)
+    mesh, voxel = surface_of(splats, cameras, drawn, CONFIG)
+    camera = automatic_camera(splats, read.drawing.up).resized(WIDTH, HEIGHT)
+    picture = picture_of(splats, BACKGROUND, drawn)(camera)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mesh.ply"
+        write_ply(path, mesh)
+        grey, colored = shaded(path, camera), of_vertices(path, camera)
+    write_rows("mesh.png", [[
+        labelled(picture.color, f"{splats.n_splats:,} primitives"),
+        labelled(grey, f"{len(mesh.faces):,} triangles, a voxel is {voxel:g}"),
+        labelled(colored, "the colours of its vertices"),
+    ]])  # fmt: skip
+
+
+def shaded(path: Path, camera: Camera) -> np.ndarray:
+    """[H, W, 3] of a grey mesh in light from behind the camera and from all around."""
+    around = {"type": "constant", "radiance": 0.35}
+    direction = list(camera.c2w[:3, :3] @ (0.4, 0.5, 1))
+    lamp = {"type": "directional", "direction": direction, "irradiance": 2.0}
+    grey = {"type": "rgb", "value": 0.6}
+    film = rendered(path, camera, grey, {"type": "path", "max_depth": 2, "hide_emitters": True}, lamp=lamp, env=around)
+    return linear_to_srgb(film[..., :3]) + BACKGROUND * (1 - film[..., 3:4])
+
+
+def of_vertices(path: Path, camera: Camera) -> np.ndarray:
+    """[H, W, 3] in its own colours, which are sRGB values of 0 to 255, without light."""
+    colors = {"type": "mesh_attribute", "name": "vertex_color", "scale": 1 / 255}
+    film = rendered(path, camera, colors, {"type": "aov", "aovs": "color:albedo,z:depth"})
+    return np.where(film[..., -1:] > 0, film[..., -4:-1], BACKGROUND)
+
+
+def rendered(path: Path, camera: Camera, reflectance: dict[str, Any], integrator: dict, **lamps: dict) -> np.ndarray:
+    """[H, W, channels]"""
+    sensor = camera_to_mitsuba(camera)
+    sensor["film"]["pixel_format"] = "rgba"
+    bsdf = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": reflectance}}
+    mesh = {"type": "ply", "filename": str(path), "bsdf": bsdf}
+    scene = {"type": "scene", "integrator": integrator, "sensor": sensor, "mesh": mesh, **lamps}
+    return np.array(mi.render(mi.load_dict(scene), spp=64))
+
+
+if __name__ == "__main__":
+    main()
