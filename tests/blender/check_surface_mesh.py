@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from drawn_panels import Layout
 from edits import PLACED
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 from model_files import datablocks, load
 from package_command import COMMAND
 
@@ -20,13 +20,13 @@ from blender_addon.surface import operator
 from blender_addon.surface.operator import DOGSPLAT_OT_surface_mesh, State, draw_surface
 
 VOXEL = 0.1  # of a ball of radius 1
-FEW = ["--views", "12", "--size", "96", "96"]
+FEW = ["--views", "16", "--size", "96", "96"]
 WARM, COOL = (1.0, 0.25, 0.0), (0.0, 0.5, 1.0)  # in the file above and below z = 0
 NAMES = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split()
 
 
-def write_ball(path, n=800):
-    """Opaque discs on the unit sphere, and in its middle nothing."""
+def write_ball(path, hollow=False, n=800):
+    """Opaque discs on the unit sphere, and, unless it is hollow, one opaque ball within."""
     k = np.arange(n)
     z, angle = 1 - (2 * k + 1) / n, np.pi * (3 - np.sqrt(5)) * k
     x, y = np.sqrt(1 - z * z) * (np.cos(angle), np.sin(angle))
@@ -35,8 +35,10 @@ def write_ball(path, n=800):
     colors = (np.where(z[:, None] > 0, WARM, COOL) - 0.5) / C0
     scales = np.log(np.full((n, 3), (0.08, 0.08, 0.005)))
     rows = np.concatenate([np.stack([x, y, z], axis=1), colors, np.full((n, 1), 6.0), scales, quats], axis=1)
+    within = [0, 0, 0, 0, 0, 0, 6, *np.log([0.4, 0.4, 0.4]), 1, 0, 0, 0]
+    rows = rows if hollow else np.concatenate([rows, [within]])
     properties = [f"property float {name}" for name in NAMES]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}", *properties, "end_header\n"]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}", *properties, "end_header\n"]
     path.write_bytes("\n".join(header).encode() + rows.astype("<f4").tobytes())
     return path
 
@@ -101,13 +103,17 @@ def test_the_surface_lies_on_the_ball_wherever_it_stands(scene, ball):
     scene.collection.children.link(home)
     scene.collection.objects.unlink(ball)
     home.objects.link(ball)
-    ball.matrix_world = PLACED @ ball.matrix_world  # the ball in the file has its size and place from nothing else
+    ball.matrix_world = PLACED @ ball.matrix_world
     bpy.context.view_layer.update()
     radius, middle = 3 * PLACED.to_scale()[0], PLACED.to_translation()
     surface = made()
-    distances = np.linalg.norm(points_of(surface, Matrix.Translation(-middle)), axis=1)
-    assert len(distances) > 500 and abs(distances / radius - 1).max() < 0.07
-    assert surface.parent == ball and surface.matrix_local == Matrix() and surface.matrix_parent_inverse == Matrix()
+    points = points_of(surface, Matrix.Translation(-middle))
+    distances = np.linalg.norm(points, axis=1)
+    away = np.sort(abs(distances / radius - 1))
+    assert len(away) > 500 and away[int(0.9 * len(away))] < 0.07 and away.max() < 0.3
+    warm = points[bytes_of(surface)[:, 0] > 128].mean(axis=0)
+    assert warm @ (PLACED.to_3x3().normalized() @ Vector((0, 1, 0))) > 0.99 * np.linalg.norm(warm)
+    assert surface.parent == ball and surface.matrix_basis == surface.matrix_parent_inverse == Matrix()
     assert surface.name == "ball surface" and list(surface.users_collection) == [home]
     assert surface.hide_render and surface.display_type == "WIRE" and _helps(surface)
     assert bpy.context.selected_objects == [surface] and not surface.data.validate()
@@ -155,10 +161,11 @@ def test_the_largest_part_can_be_had_alone(ball, tmp_path):
         assert (x.max() > 6) == far and x.min() < -2.7
 
 
-def test_a_room_is_looked_at_from_within(ball):
-    """What comes of it lies on the inner side, as nothing has looked at the other one."""
+def test_a_room_is_looked_at_from_within(few, tmp_path):
+    """Of a hollow ball, the inner side alone is seen then."""
+    room = load(write_ball(tmp_path / "room.ply", hollow=True))
     both = made()
-    bpy.context.view_layer.objects.active = ball
+    bpy.context.view_layer.objects.active = room
     inner = made(room=True)
     assert 0 < len(inner.data.polygons) < 0.8 * len(both.data.polygons)
 
