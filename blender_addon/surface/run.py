@@ -30,7 +30,7 @@ class SurfaceRun:
         Raises ``ValueError`` and ``RendererError``.
         """
         self.name = obj.name
-        model, comments = shown_model(obj, depsgraph), _comments(obj)
+        model, comments = shown_model(obj, depsgraph), written_comments(obj)
         words = process_words(command)
         folder, self._remove = own_folder(self)
         self._model, self.out = folder / "splats.ply", folder / "surface.ply"
@@ -60,13 +60,13 @@ def shown_model(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Model:
     model = placed_model(obj, depsgraph, np.eye(4))
     if model.n_splats == 0:
         raise ValueError(told('"{name}": it shows no splats; open its crop and its limits', name=obj.name))
-    if drawing := drawing_of(obj):
+    if drawing := drawing_of(obj.evaluated_get(depsgraph)):  # with the keys of this frame
         model = model.with_degree(min(drawing["SH Degree"], model.sh_degree))
         model.is_dog = model.is_dog & bool(drawing["DoG"])
     return model
 
 
-def _comments(obj: bpy.types.Object) -> list[str]:
+def written_comments(obj: bpy.types.Object) -> list[str]:
     """How it is to be drawn; what is upright is so in the scene. Raises ``ValueError`` for an object that is flat."""
     matrix = np.array(obj.matrix_world, np.float64)
     try:

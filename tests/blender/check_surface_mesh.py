@@ -13,11 +13,13 @@ from model_files import datablocks, load
 from package_command import COMMAND
 
 from blender_addon.evaluated.visible import _helps
+from blender_addon.files.said import said_in
 from blender_addon.files.sh import C0
-from blender_addon.nodes.modifier import edit_modifiers, set_input
+from blender_addon.nodes.modifier import edit_modifiers, set_input, splat_modifier
 from blender_addon.package.task import Task
 from blender_addon.surface import operator
 from blender_addon.surface.operator import DOGSPLAT_OT_surface_mesh, State, draw_surface
+from blender_addon.surface.run import shown_model, written_comments
 
 VOXEL = 0.1  # of a ball of radius 1
 FEW = ["--views", "16", "--size", "96", "96"]
@@ -168,6 +170,23 @@ def test_a_room_is_looked_at_from_within(few, tmp_path):
     bpy.context.view_layer.objects.active = room
     inner = made(room=True)
     assert 0 < len(inner.data.polygons) < 0.8 * len(both.data.polygons)
+
+
+def test_the_package_is_given_what_the_object_shows(model):
+    """Up, near clip and antialiasing in the space of the object; DoG and bands of colour as they are drawn."""
+    obj = load(model, up_axis="-Y", scale=4.0, antialiased=True)
+    obj.rotation_euler.x += np.pi / 2
+    bpy.context.view_layer.update()
+    said = said_in(written_comments(obj))
+    assert np.allclose(said.up, (0, 0, 1) if obj.matrix_world[2][2] > 0 else (0, 0, -1), atol=1e-6)
+    assert said.antialiased and said.near_clip in (None, 0.2) and said.scale is None
+    raw = shown_model(obj, bpy.context.evaluated_depsgraph_get())
+    assert raw.is_dog.any() and raw.sh_degree == 3
+    set_input(splat_modifier(obj), "DoG", False)
+    set_input(splat_modifier(obj), "SH Degree", 1)
+    obj.update_tag()
+    drawn = shown_model(obj, bpy.context.evaluated_depsgraph_get())
+    assert not drawn.is_dog.any() and drawn.sh_degree == 1
 
 
 @pytest.mark.parametrize("lower", [0, 0.7])
