@@ -166,7 +166,7 @@ def _choose(context: bpy.types.Context, obj: bpy.types.Object, surface: bpy.type
     layer = context.view_layer
     if layer.objects.active != obj or surface.name not in layer.objects:
         return
-    for other in context.selected_objects:
+    for other in list(layer.objects.selected):
         other.select_set(False)
     surface.select_set(True)
     layer.objects.active = surface
@@ -180,6 +180,11 @@ def _positions(obj: bpy.types.Object) -> bytes:
     return get_column(obj.data, "position", 3).tobytes()
 
 
+def _is_edited(active: bpy.types.Object | None) -> bool:
+    """Whether a window is in a mode whose steps of undo have no new objects."""
+    return active is not None and active.mode != "OBJECT"
+
+
 def look_after() -> float | None:
     """Called by a timer: bring in a surface that is done, as one step of undo, and say what went wrong with one."""
     work, context = State.work, bpy.context
@@ -188,7 +193,7 @@ def look_after() -> float | None:
     redraw(context)
     obj = _object(work)
     windows = [each for each in context.window_manager.windows if obj is None or obj.name in each.scene.objects]
-    if work.run.task.works or not windows or context.mode != "OBJECT":
+    if work.run.task.works or not windows or _is_edited(windows[0].view_layer.objects.active):
         return INTERVAL
     State.work = None
     try:

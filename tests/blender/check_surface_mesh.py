@@ -247,6 +247,10 @@ def test_a_window_goes_on_meanwhile_and_gets_one_step_of_undo(ball, in_window):
     assert bpy.ops.dogsplat.surface_mesh(voxel=VOXEL) == {"FINISHED"}
     assert len(bpy.data.objects) == 1 and not bpy.ops.dogsplat.surface_mesh.poll()
     ball.name = "called otherwise"
+    bpy.ops.object.mode_set(mode="EDIT")
+    State.work.run.task.wait()
+    assert operator.look_after() == operator.INTERVAL and len(bpy.data.objects) == 1
+    bpy.ops.object.mode_set(mode="OBJECT")
     looked_after()
     assert [obj.name for obj in bpy.data.objects] == ["called otherwise", "called otherwise surface"] and not in_window
     bpy.ops.ed.undo()
