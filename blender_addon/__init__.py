@@ -16,6 +16,7 @@ from .native import operators as native_operators
 from .nodes import suited
 from .package import renderers
 from .scene import written_images
+from .surface import operator as surface_operator
 from .training import deleted, render_operator, rig_operator, train_operator
 from .training import panel as training_panel
 from .training import settings as training_settings
@@ -39,6 +40,8 @@ CLASSES = (
     transform_operator.DOGSPLAT_OT_apply_transform,
     native_operators.DOGSPLAT_OT_to_native,
     native_operators.DOGSPLAT_OT_to_dog,
+    surface_operator.DOGSPLAT_OT_surface_mesh,
+    surface_operator.DOGSPLAT_OT_stop_surface_mesh,
     exact_settings.DOGSPLAT_OT_exact_settings,
     engine_settings.DogSplatRenderSettings,
     render_engine.DogSplatEngine,
@@ -77,6 +80,7 @@ def register() -> None:
     written_images.register()
     handlers.register()
     train_operator.register()
+    surface_operator.register()
     deleted.register()
     translations.register(preferences.ADDON)
 
@@ -86,6 +90,7 @@ def unregister() -> None:
     translations.unregister(preferences.ADDON)
     deleted.unregister()
     render_operator.unregister()
+    surface_operator.unregister()
     train_operator.unregister()
     handlers.unregister()
     written_images.unregister()

@@ -14,10 +14,11 @@ from .nodes.limits import NAME as LIMITS
 from .nodes.modifier import SHOWN, edit_modifiers, has_input, input_property, splat_modifier, tree_name
 from .nodes.paint import NAME as PAINT
 from .nodes.suited import is_suited
-from .objects.attributes import can_edit, has_any, is_native, is_splats
+from .objects.attributes import can_edit, can_edit_native, has_any, is_native, is_splats
 from .objects.conventions import DOG_COUNT, SOURCE
 from .objects.feature import is_available
 from .objects.working_space import is_converted
+from .surface.operator import draw_surface
 
 EDITED = {
     CROP: ("Shape", "Object", "Invert"),
@@ -48,6 +49,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             layout.label(text=text, translate=False, icon="POINTCLOUD_DATA")
             _note_groups(layout, context.scene, obj)
             layout.operator("dogsplat.to_dog")
+            draw_surface(layout)
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
         row.operator("export_scene.dogsplat", text="Export", icon="EXPORT")
@@ -143,6 +145,8 @@ class DOGSPLAT_PT_edit(bpy.types.Panel):
         layout.operator("dogsplat.apply_edits", icon="CHECKMARK")
         layout.operator("dogsplat.join", icon="OBJECT_DATA")
         layout.operator("dogsplat.apply_transform", icon="OBJECT_ORIGIN")
+        layout.separator()
+        draw_surface(layout)
 
 
 def import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
@@ -167,10 +171,12 @@ def apply_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 def object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Entry of Object."""
+    """Entries of Object."""
     if can_edit(context.object):
         self.layout.separator()
         self.layout.operator("dogsplat.join")
+    if can_edit(context.object) or can_edit_native(context.object):
+        self.layout.operator("dogsplat.surface_mesh")
 
 
 OBJECT_MENUS = (("VIEW3D_MT_object_apply", apply_menu), ("VIEW3D_MT_object", object_menu))

@@ -24,13 +24,13 @@ import numpy as np
 from ..files.errors import FileError, told
 from .folder import own_folder
 from .served import Cancelled, RendererError, Served, environment
+from .task import SPEAKS
 
 MISSING = (
     "Mitsuba is not there: install the package with \"pip install '.[train,export]'\" in the folder of its repository, "
     "in any Python, and name its command dogsplat in the preferences of this add-on"
 )
 WRONG = '"{command}", the command in the preferences of DoG Splat, is not there; correct or clear it'
-SPEAKS = "dogsplat: "  # begins what the command complains about
 IDLE_SECONDS = 600  # after which a process ends that no frame has come to
 Picture = dict[str, np.ndarray]  # color [H, W, 3], alpha [H, W] and passes, as mi_dogsplat.requests has them
 Request = dict[str, Any]

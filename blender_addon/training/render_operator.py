@@ -6,9 +6,10 @@ import bpy
 from bpy.props import BoolProperty
 
 from ..files.errors import told
+from ..windows import redraw
 from .render_jobs import RenderJobs
 from .rendering import Rendering
-from .work import WORK, redraw
+from .work import WORK
 
 INTERVAL = 0.1  # seconds between looks at the render job
 

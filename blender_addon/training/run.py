@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import subprocess
 import time
 import weakref
@@ -12,11 +11,11 @@ from pathlib import Path
 
 from ..files.whole import remove
 from ..package.served import RendererError, environment
+from ..package.task import SPEAKS, last_line
 
 LOG, HISTORY, METRICS, CONFIG, MODEL = "training.log", "history.jsonl", "metrics.json", "config.json", "point_cloud.ply"
 CHECKPOINT = Path("checkpoint") / "state.npz"
 PATIENCE = 20.0  # seconds for a training that is asked to stop, which finishes its step and saves a checkpoint
-TAIL = 4096  # bytes of a file of which the last line counts
 
 
 class TrainingRun:
@@ -48,7 +47,7 @@ class TrainingRun:
     def step(self) -> int:
         """The latest one that is known; 0 before the first."""
         try:
-            return int(json.loads(_last_line(self.folder / HISTORY))["step"])
+            return int(json.loads(last_line(self.folder / HISTORY))["step"])
         except (OSError, ValueError, KeyError, TypeError):
             return 0
 
@@ -74,7 +73,7 @@ class TrainingRun:
         """The model, after the end. Raises ``RendererError``: in one line what the training complained of."""
         if self.is_complete:
             return self.folder / MODEL
-        line = _last_line(self._log).removeprefix("dogsplat: ")
+        line = last_line(self._log).removeprefix(SPEAKS)
         if line:
             raise RendererError(line)
         problem = "the training ended with status {status}; see {log}"
@@ -84,13 +83,6 @@ class TrainingRun:
 def can_go_on(folder: Path) -> bool:
     """Whether a training was stopped in this run folder."""
     return (folder / CONFIG).is_file() and not (folder / METRICS).is_file()
-
-
-def _last_line(path: Path) -> str:
-    with path.open("rb") as file:
-        file.seek(max(file.seek(0, os.SEEK_END) - TAIL, 0))
-        lines = file.read().decode(errors="replace").strip().splitlines()
-    return lines[-1].strip() if lines else ""
 
 
 class _Process:

@@ -10,12 +10,13 @@ from ..files.errors import told
 from ..package.renderers import process_words
 from ..package.served import RendererError
 from ..preferences import command_of
+from ..windows import redraw, tell
 from .data_set import is_complete
 from .folder import training_folder
 from .result import place_result
 from .run import TrainingRun, can_go_on
 from .settings import DogSplatTrainingSettings
-from .work import WORK, redraw
+from .work import WORK
 
 INTERVAL = 0.5  # seconds between looks at the training
 ROWS = 200  # of the history, at most 50 steps apart
@@ -126,19 +127,8 @@ def look_after() -> float | None:
             bpy.ops.ed.undo_push(message="Import Trained Splats")
     except (ValueError, RuntimeError) as error:
         WORK.trouble = " ".join(str(error).split())
-        tell(context)
+        tell(context, WORK.trouble)
     return None
-
-
-def tell(context: bpy.types.Context) -> None:
-    """Show what went wrong at the mouse: a timer has no reports."""
-
-    def draw(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
-        menu.layout.label(text=WORK.trouble)
-
-    for window in list(context.window_manager.windows)[:1]:
-        with context.temp_override(window=window):
-            context.window_manager.popup_menu(draw, title="DoG Splat", icon="ERROR")
 
 
 def _complete(scene: bpy.types.Scene) -> bool:

@@ -42,11 +42,3 @@ class Work:
 
 
 WORK = Work()
-
-
-def redraw(context: bpy.types.Context) -> None:
-    """The panels of all viewports, which show how far it is."""
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()

@@ -25,6 +25,8 @@ OPERATORS = {
     "Join Splats": "Splats zusammenführen",
     "Apply Transform to Splats": "Transformation auf Splats anwenden",
     "All Transforms to Splats": "Alle Transformationen auf Splats",
+    "Surface Mesh": "Oberflächen-Mesh",
+    "Stop": "Anhalten",
     "Convert to Native": "In Blenders eigene umwandeln",
     "Convert to DoG Splat": "In DoG-Splat umwandeln",
     "Set Up Exact Picture": "Exaktes Bild einrichten",
@@ -216,6 +218,27 @@ REST = {
         "Die Transformation des Objekts in seine Splats übernehmen: Positionen, Ausrichtungen, Größen und "
         "blickabhängige Farben"
     ),
+    # Surface meshes
+    "Surface Mesh": "Oberflächen-Mesh",
+    "Make a mesh of the surface that the active splats show: a proxy for collisions, rigid bodies and shadows": (
+        "Ein Mesh der Oberfläche erzeugen, die die aktiven Splats zeigen: ein Stellvertreter für Kollisionen, "
+        "Starrkörper und Schatten"
+    ),
+    "Voxel Size": "Voxelgröße",
+    "How fine the mesh is, in units of the object, as for Blender's Remesh; 0 is automatic": (
+        "Wie fein das Mesh ist, in Einheiten des Objekts, wie bei Blenders Remesh; 0 ist automatisch"
+    ),
+    "Largest Part Only": "Nur der größte Teil",
+    "Leave out all that does not hang together with it": "Alles weglassen, was nicht mit ihm zusammenhängt",
+    "For a Room": "Für einen Raum",
+    "Look at the splats from within alone, not from around them": (
+        "Die Splats nur von innen betrachten, nicht von außen herum"
+    ),
+    "Rigid Body": "Starrkörper",
+    "A passive one, which others collide with, of the shape of the mesh": (
+        "Ein passiver, mit dem andere zusammenstoßen, von der Form des Meshs"
+    ),
+    "Give up the surface that is being made": "Die Oberfläche aufgeben, die gerade entsteht",
     # Rendering
     "Set view transform, sampling and filter of this scene, and the colors of its models, for the exact picture": (
         "Ansichtstransformation, Abtastung und Filter dieser Szene und die Farben ihrer Modelle für das exakte Bild "

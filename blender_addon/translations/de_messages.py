@@ -10,6 +10,7 @@ MESSAGES = {
     "{n:,} with shifts": "{n:,} mit Verschiebungen",
     "{count:,} splats exported": "{count:,} Splats exportiert",
     "{count:,} splats deleted": "{count:,} Splats gelöscht",
+    "{count:,} triangles": "{count:,} Dreiecke",
     "{count} cameras imported": "{count} Kameras importiert",
     "{count} cameras imported, {bent} without lens distortion: photographs fit in their middles": (
         "{count} Kameras importiert, {bent} ohne Linsenverzeichnung: Fotos passen in ihrer Mitte"
@@ -25,6 +26,16 @@ MESSAGES = {
     ),
     "sending the scene": "Szene wird gesendet",
     "{count:,} splats, {name}": "{count:,} Splats, {name}",
+    # Surface meshes
+    '"{name}": it shows no splats; open its crop and its limits': (
+        "„{name}“: es zeigt keine Splats; Zuschnitt und Grenzen öffnen"
+    ),
+    '"{name}": its splats were moved or deleted before their surface was there; make it again': (
+        "„{name}“: seine Splats wurden bewegt oder gelöscht, bevor ihre Oberfläche da war; sie neu erzeugen"
+    ),
+    "dogsplat mesh has written what the add-on cannot read; update both": (
+        "dogsplat mesh hat geschrieben, was das Add-on nicht lesen kann; beide aktualisieren"
+    ),
     # Files
     "this is a folder": "das ist ein Ordner",
     "give the path of a model": "den Pfad eines Modells angeben",
@@ -85,9 +96,7 @@ MESSAGES = {
     "is no SPZ file: its header does not begin with NGSP": "ist keine SPZ-Datei: ihr Kopf beginnt nicht mit NGSP",
     "not SPZ of version 1, 2 or 3, but {version}": "nicht SPZ der Version 1, 2 oder 3, sondern {version}",
     "convert it to PLY": "sie in PLY umwandeln",
-    "has spherical harmonics of degree {degree}, there are 0 to 4": (
-        "hat SH-Grad {degree}, es gibt 0 bis 4"
-    ),
+    "has spherical harmonics of degree {degree}, there are 0 to 4": ("hat SH-Grad {degree}, es gibt 0 bis 4"),
     "a position is not finite": "eine Position ist nicht endlich",
     "{size} bytes cannot hold {n} splats": "{size} Bytes können keine {n} Splats enthalten",
     "{n} splats need {need} bytes, the file has {size}": "{n} Splats brauchen {need} Bytes, die Datei hat {size}",

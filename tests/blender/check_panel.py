@@ -133,7 +133,7 @@ def test_the_panel_of_edits_has_the_sliders_of_every_modifier(model):
     assert "dogsplat.finish_painting" in layout.drawn
 
 
-@pytest.mark.parametrize("menu, count", [(import_menu, 3), (export_menu, 2), (apply_menu, 2), (object_menu, 1)])
+@pytest.mark.parametrize("menu, count", [(import_menu, 3), (export_menu, 2), (apply_menu, 2), (object_menu, 2)])
 def test_menus(model, menu, count):
     load(model)
     layout = Layout()

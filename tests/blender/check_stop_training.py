@@ -31,7 +31,7 @@ IS_DEAF = "import time; print('x', flush=True); time.sleep(600)"
 @pytest.fixture
 def begun(tmp_path, monkeypatch):
     """Starts a program in the place of a training, which is the one at work."""
-    monkeypatch.setattr(train_operator, "tell", lambda context: pytest.fail(WORK.trouble))  # it needs a display
+    monkeypatch.setattr(train_operator, "tell", lambda _, trouble: pytest.fail(trouble))  # it needs a display
     runs = []
 
     def begin(program: str) -> TrainingRun:

@@ -9,7 +9,7 @@ from layout import Layout
 # From low to high. A module may import from its own room and from those above it here.
 ROOMS = [
     {"translations"},
-    {"preferences"},
+    {"preferences", "windows"},
     {"files"},
     {"package"},
     {"objects"},
@@ -19,6 +19,7 @@ ROOMS = [
     {"editing"},
     {"native"},
     {"import_export"},
+    {"surface"},
     {"scene"},
     {"engine"},
     {"viewport"},
