@@ -27,8 +27,8 @@ from .served import Cancelled, RendererError, Served, environment
 from .task import SPEAKS
 
 MISSING = (
-    "Mitsuba is not there: install the package with \"pip install '.[train,export]'\" in the folder of its repository, "
-    "in any Python, and name its command dogsplat in the preferences of this add-on"
+    "Mitsuba is not there: install the package with \"pip install '.[train,export,mesh]'\" in the folder of its "
+    "repository, in any Python, and name its command dogsplat in the preferences of this add-on"
 )
 WRONG = '"{command}", the command in the preferences of DoG Splat, is not there; correct or clear it'
 IDLE_SECONDS = 600  # after which a process ends that no frame has come to

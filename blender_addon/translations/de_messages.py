@@ -294,10 +294,10 @@ MESSAGES = {
     "the scene has no splats to render; import a model with File > Import > DoG Splat": (
         "die Szene hat keine Splats zum Rendern; ein Modell importieren mit Datei > Importieren > DoG-Splat"
     ),
-    "Mitsuba is not there: install the package with \"pip install '.[train,export]'\" in the folder of its repository, "
-    "in any Python, and name its command dogsplat in the preferences of this add-on": (
-        "Mitsuba ist nicht da: das Paket mit „pip install '.[train,export]'“ im Ordner seines Repositorys, in einem "
-        "beliebigen Python, installieren und seinen Befehl dogsplat in den Einstellungen dieses Add-ons nennen"
+    "Mitsuba is not there: install the package with \"pip install '.[train,export,mesh]'\" in the folder of its "
+    "repository, in any Python, and name its command dogsplat in the preferences of this add-on": (
+        "Mitsuba ist nicht da: das Paket mit „pip install '.[train,export,mesh]'“ im Ordner seines Repositorys, in "
+        "einem beliebigen Python, installieren und seinen Befehl dogsplat in den Einstellungen dieses Add-ons nennen"
     ),
     "Mitsuba cannot be used here ({reason})": "Mitsuba ist hier nicht brauchbar ({reason})",
     "mi_dogsplat cannot be used here ({reason})": "mi_dogsplat ist hier nicht brauchbar ({reason})",

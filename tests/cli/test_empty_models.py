@@ -12,6 +12,7 @@ COMMANDS = {
     "export": ["-o", "{out}/model.spz"],
     "simplify": ["-o", "{out}/small.ply", "--target", "10%"],
     "clean": ["-o", "{out}/lean.ply"],
+    "mesh": ["-o", "{out}/surface.ply"],
 }
 
 

@@ -55,7 +55,7 @@ def test_ctrl_c_within_a_render_or_an_import_by_mitsuba_is_one_line_too(capsys, 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("command", ["export", "simplify", "clean", "check", "render", "eval"])
+@pytest.mark.parametrize("command", ["export", "simplify", "clean", "mesh", "check", "render", "eval"])
 def test_a_command_that_is_stopped_says_so_and_leaves_nothing(
     capsys, model, data, tmp_path, monkeypatch, command, number
 ):
@@ -63,6 +63,7 @@ def test_a_command_that_is_stopped_says_so_and_leaves_nothing(
         "export": ["-o", tmp_path / "a.spz"],
         "simplify": ["-o", tmp_path / "a.ply", "--target", 8, "--steps", 3],
         "clean": ["-o", tmp_path / "a.ply"],
+        "mesh": ["-o", tmp_path / "a.ply", "--views", 4, "--size", 32, 24, "--min-faces", 1],
         "check": ["-o", tmp_path, "--only", "work-precision", "--data", data, "--rounds", 1],
         "render": ["-o", tmp_path / "a.png"],
         "eval": [data, "-o", tmp_path],

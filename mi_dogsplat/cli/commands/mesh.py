@@ -16,10 +16,9 @@ SUMMARY = "the surface of a model as triangles"
 EXAMPLES = """
 Examples:
   dogsplat mesh model.ply -o surface.ply                      from views around the model, and from within
-  dogsplat mesh run/point_cloud.ply -o surface.ply --data photos/
-                                                              from the views of its training
+  dogsplat mesh model.ply -o surface.ply --data photos/       from the views of its training
   dogsplat mesh model.ply -o surface.obj --voxel 0.02 --connected 1
-                                                              a point each 0.02 units, and the largest part alone
+                                                              its largest part, finer or coarser
 
 For what splats cannot do themselves: a ball that rolls over them, a shadow that falls on them in another
 renderer. Depth pictures of the model are fused to a signed distance, and marching cubes make triangles of it.
