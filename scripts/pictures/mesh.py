@@ -1,6 +1,7 @@
 """Makes docs/pictures/mesh.png: a model, and the mesh that ``dogsplat mesh`` makes of it, shaded and with its colours.
 
-``python -m scripts.pictures.mesh``; the model is scenes/still_life.ply.
+``python -m scripts.pictures.mesh``; the model is ../shared/data/models/playbot_lod2_sh2.ply ("PLAYBOT" by Stephane
+Agullo, CC-BY-4.0).
 """
 
 import tempfile
@@ -25,10 +26,10 @@ from mi_dogsplat.support.srgb import linear_to_srgb
 
 from .panels import write_rows
 
-MODEL = Path(__file__).parents[2] / "scenes" / "still_life.ply"
+MODEL = Path(__file__).parents[3] / "shared" / "data" / "models" / "playbot_lod2_sh2.ply"
 WIDTH, HEIGHT = 480, 360  # pixels of a picture
 BACKGROUND = 0.08  # grey
-CONFIG = MeshConfig(inside=0, voxel=0.015)
+CONFIG = MeshConfig(inside=0)
 
 
 def main() -> None:
@@ -45,7 +46,7 @@ def main() -> None:
         grey, colored = shaded(path, camera), of_vertices(path, camera)
     write_rows("mesh.png", [[
         labelled(picture.color, f"{splats.n_splats:,} primitives"),
-        labelled(grey, f"{len(mesh.faces):,} triangles, a voxel is {voxel:g}"),
+        labelled(grey, f"{len(mesh.faces):,} triangles, a voxel is {voxel:.2g}"),
         labelled(colored, "the colours of its vertices"),
     ]])  # fmt: skip
 
