@@ -73,6 +73,7 @@ def make_mesh(
     require_arrays()
     model, out = Path(model), Path(out)
     write = writer_of(out)
+    config.require_use(own_views=bool(data))
     options.require_use(images=bool(data), pictures=True)
     read = read_source(model, out, "mesh")
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
@@ -81,7 +82,8 @@ def make_mesh(
         cameras = [view.camera for view in load_dataset(data, options.shrink).train]
     else:
         cameras = vantage_cameras(splats, config.views, config.size, 0, config.inside, read.drawing.up)
-        drawn = look_from_near(splats, drawn).drawn
+        if options.near_clip is None:
+            drawn = look_from_near(splats, drawn).drawn
     mesh, voxel = surface_of(splats, cameras, drawn, config, show)
     if not len(mesh.faces):
         problem = "no surface is seen that hides half of what is behind it"

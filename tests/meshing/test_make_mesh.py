@@ -125,15 +125,31 @@ def test_bad_input_is_one_line_and_nothing_is_written(model, tmp_path, capsys):
         "is the model itself": [model, "-o", model],
         "there are no images to shrink": [model, "-o", tmp_path / "o.ply", "--downscale", "2"],
         "no such": [model, "-o", tmp_path / "o.ply", "--data", tmp_path / "nowhere"],
-        "16 x 8 is too small": [model, "-o", tmp_path / "o.ply", "--size", "16", "8"],
+        "--size: 16 x 8 is out of range": [model, "-o", tmp_path / "o.ply", "--size", "16", "8"],
+        "--size: 99 x 16385 is out of range": [model, "-o", tmp_path / "o.ply", "--size", "99", "16385"],
     }
     before = model.read_bytes()
     for expected, arguments in cases.items():
-        flags = [] if "--size" in arguments else FAST
+        flags = [] if {"--size", "--data"} & set(arguments) else FAST
         status, said, error = run(capsys, "mesh", *arguments, *flags)
         line = error.splitlines()[-1]  # of what is seen late, after a bar
         assert status == 2 and not said and line.startswith("dogsplat: ") and expected in line
     assert model.read_bytes() == before and not list(tmp_path.glob("o.*"))
+
+
+@pytest.mark.parametrize("flag", ["--views 12", "--size 80 60", "--inside 0"])
+def test_what_is_said_of_other_views_than_those_of_data_is_refused(model, tmp_path, capsys, flag):
+    result = run(capsys, "mesh", model, "-o", tmp_path / "o.ply", "--data", tmp_path / "data", *flag.split())
+    assert_one_line(result, f"{flag.split()[0]}: is not for --data", "leave it out")
+
+
+def test_a_near_clip_that_is_asked_for_counts(model, tmp_path, capsys):
+    """That of the file is for views from afar, and gives way to our own, which may be near."""
+    written = Model(ball(), Drawing(near_clip=50.0))
+    write_model(tmp_path / "far.ply", written)
+    meshed(capsys, tmp_path / "far.ply", tmp_path / "o.obj", "--voxel", "0.1")
+    result = run(capsys, "mesh", model, "-o", tmp_path / "none.obj", *FAST, "--near-clip", "50")
+    assert result[0] == 2 and "no surface is seen" in result[2] and not (tmp_path / "none.obj").exists()
 
 
 def test_too_many_voxels_for_the_memory_are_one_line(model, tmp_path, capsys, monkeypatch):
