@@ -122,8 +122,8 @@ def surface_of(
     views = SurfaceViews.of(splats, cameras, drawn)
     blocks = seen_blocks(views, centre, voxel, config.reach * radius, tell)
     fusion = Fusion(blocks, TRUNCATION * voxel)
-    for camera in cameras:
-        fusion.add(camera, views.depth(camera), views.near)
+    for camera, depth, _ in views:
+        fusion.add(camera, depth, views.near)
         tell()
     distances, counts = fusion.distances()
     mesh = zero_surface(blocks, distances, counts >= min(LEAST_VIEWS, len(cameras)))
@@ -139,14 +139,13 @@ def seen_blocks(views: SurfaceViews, centre: Array, voxel: float, reach: float, 
     if reach / voxel > 1 << 19:
         refuse("voxel", f"{voxel:g} is too small for a model that reaches {reach:g} far", "use a larger one")
     finder, finest = BlockFinder(centre, voxel, TRUNCATION * voxel), math.inf
-    for camera in views.cameras:
-        points = points_of(camera, views.depth(camera))
+    for camera, depth, _ in views:
+        points = points_of(camera, depth)
         points = points[((points - centre) ** 2).sum(axis=1) <= reach**2]
         finder.add(points)
         require_room(finder.at_least, voxel)
         if len(points):
-            depth = np.median(camera.project(points)[1])
-            finest = min(finest, depth / max(camera.fx, camera.fy))
+            finest = min(finest, float(np.median(camera.project(points)[1])) / max(camera.fx, camera.fy))
         tell()
     if voxel < finest / VOXELS_OF_PIXEL < math.inf:
         remedy = f"use {finest / VOXELS_OF_PIXEL:.2g} or more, or larger views"
