@@ -33,6 +33,7 @@ from .surface_views import SurfaceViews, points_of
 from .vertex_colors import vertex_colors
 
 VOXELS_OF_RADIUS = 128
+STEPS_OF_VOXEL = 4  # at least: of the positions that float32, as models and meshes have it, tells apart
 TRUNCATION = 4.0  # voxels, to either side of a surface
 MOST_BLOCKS = 1 << 22  # beyond, sums have more entries than Dr.Jit can index
 BYTES = 32  # of a voxel, while its distance becomes triangles
@@ -87,7 +88,7 @@ def make_mesh(
     mesh, voxel = surface_of(splats, cameras, drawn, config, show)
     if not len(mesh.faces):
         problem = "no surface is seen that hides half of what is behind it"
-        raise DataError(model, problem, "use a smaller --voxel, fewer --min-faces, or other views")
+        raise DataError(model, problem, "use a smaller --voxel or --near-clip, a larger --reach, or other views")
     write(out, mesh)
     return Meshed(len(mesh.faces), len(cameras), voxel)
 
@@ -107,7 +108,7 @@ def surface_of(
         config: its ``voxel``, ``reach``, ``min_faces`` and ``connected``.
         show: as in ``make_mesh``.
 
-    Raises ``DataError`` where there would be too many voxels.
+    Raises ``DataError`` where there would be too many voxels, or no part that is large enough.
     """
     done = 0
 
@@ -118,7 +119,7 @@ def surface_of(
             show(done, 3 * len(cameras))
 
     centre, radius = robust_sphere(splats)
-    voxel = config.voxel or radius / VOXELS_OF_RADIUS
+    voxel = voxel_of(config, centre, radius)
     views = SurfaceViews.of(splats, cameras, drawn)
     blocks = seen_blocks(views, centre, voxel, config.reach * radius, tell)
     fusion = Fusion(blocks, TRUNCATION * voxel)
@@ -127,8 +128,23 @@ def surface_of(
         tell()
     distances, counts = fusion.distances()
     mesh = zero_surface(blocks, distances, counts >= min(LEAST_VIEWS, len(cameras)))
-    mesh = mesh.without_crumbs(config.min_faces, config.connected)
-    return replace(mesh, colors=vertex_colors(mesh.vertices, views, TRUNCATION * voxel, tell)), voxel
+    kept = mesh.without_crumbs(config.min_faces, config.connected)
+    if len(mesh.faces) > len(kept.faces) == 0:
+        most = counted(int(np.bincount(mesh.parts()).max()), "triangle")
+        problem = f"{config.min_faces} is too many: no part has more than {most}"
+        refuse("min_faces", problem, "use fewer, or a smaller --voxel")
+    return replace(kept, colors=vertex_colors(kept.vertices, views, TRUNCATION * voxel, tell)), voxel
+
+
+def voxel_of(config: MeshConfig, centre: Array, radius: float) -> float:
+    """The voxel of a model, world units. Raises ``DataError`` for one finer than positions in float32 are there."""
+    step = float(np.spacing(np.float32(np.abs(centre).max() + radius)))
+    if config.voxel is None:
+        return max(radius / VOXELS_OF_RADIUS, STEPS_OF_VOXEL * step)
+    if config.voxel < STEPS_OF_VOXEL * step:
+        problem = f"{config.voxel:g} is too small: positions in float32 have steps of {step:.2g} where the model is"
+        refuse("voxel", problem, f"use {STEPS_OF_VOXEL * step:.2g} or more")
+    return config.voxel
 
 
 def seen_blocks(views: SurfaceViews, centre: Array, voxel: float, reach: float, tell: Callable[[], None]) -> Blocks:

@@ -20,7 +20,8 @@ def zero_surface(blocks: Blocks, distances: Array, told: Array) -> Mesh:
         distances: [B, SIDE, SIDE, SIDE], positive outside.
         told: likewise, bool.
 
-    Vertices on the border of two chunks are one vertex of the mesh: both compute it from the same numbers.
+    Vertices on the border of two chunks are one vertex of the mesh: both compute it from the same numbers. So are
+    those that float32, as files have it, does not tell apart.
     """
     from skimage.measure import marching_cubes
 
@@ -40,11 +41,11 @@ def zero_surface(blocks: Blocks, distances: Array, told: Array) -> Mesh:
         vertices.append(found.astype(np.float64) + owner * EDGE)
         faces.append(corners.astype(np.int64) + n)
         n += len(found)
-    welded, same = np.unique(np.concatenate(vertices), axis=0, return_inverse=True)
+    positions = (blocks.centre + blocks.voxel * np.concatenate(vertices)).astype(np.float32)
+    welded, same = np.unique(positions, axis=0, return_inverse=True)
     joined = same.reshape(-1)[np.concatenate(faces)]
-    a, b, c = joined.T
-    joined = joined[(a != b) & (b != c) & (c != a)]  # a voxel of distance 0 is the corner of triangles without area
-    return Mesh(blocks.centre + blocks.voxel * welded, joined)
+    a, b, c = joined.T  # a voxel of distance 0 is the corner of triangles without area
+    return Mesh(welded, joined[(a != b) & (b != c) & (c != a)])
 
 
 def _chunk(blocks: Blocks, known: Array, first: Array) -> Array:
