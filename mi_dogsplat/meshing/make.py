@@ -121,7 +121,8 @@ def surface_of(
     centre, radius = robust_sphere(splats)
     voxel = voxel_of(config, centre, radius)
     views = SurfaceViews.of(splats, cameras, drawn)
-    blocks = seen_blocks(views, centre, voxel, config.reach * radius, tell)
+    blocks = seen_blocks(views, centre, voxel, config.reach * radius, config.voxel is not None, tell)
+    voxel = blocks.voxel
     fusion = Fusion(blocks, TRUNCATION * voxel)
     for camera, depth, _ in views:
         fusion.add(camera, depth, views.near)
@@ -147,10 +148,13 @@ def voxel_of(config: MeshConfig, centre: Array, radius: float) -> float:
     return config.voxel
 
 
-def seen_blocks(views: SurfaceViews, centre: Array, voxel: float, reach: float, tell: Callable[[], None]) -> Blocks:
+def seen_blocks(
+    views: SurfaceViews, centre: Array, voxel: float, reach: float, is_asked: bool, tell: Callable[[], None]
+) -> Blocks:
     """Blocks near the surfaces that views see within ``reach`` of ``centre``.
 
-    Raises ``DataError`` for more than there is memory for, and for voxels that are much finer than the views.
+    A voxel that is much finer than the views becomes coarser, a whole number of times. Raises ``DataError`` where it
+    ``is_asked`` for, and for more blocks than there is memory for.
     """
     if reach / voxel > 1 << 19:
         refuse("voxel", f"{voxel:g} is too small for a model that reaches {reach:g} far", "use a larger one")
@@ -163,11 +167,13 @@ def seen_blocks(views: SurfaceViews, centre: Array, voxel: float, reach: float, 
         if len(points):
             finest = min(finest, float(np.median(camera.project(points)[1])) / max(camera.fx, camera.fy))
         tell()
-    if voxel < finest / VOXELS_OF_PIXEL < math.inf:
-        remedy = f"use {finest / VOXELS_OF_PIXEL:.2g} or more, or larger views"
-        refuse("voxel", f"{voxel:g} is finer than the views, whose pixels are {finest:.2g} wide at the surface", remedy)
+    if voxel < (least := finest / VOXELS_OF_PIXEL) < math.inf:
+        if is_asked:
+            problem = f"{voxel:g} is finer than the views, whose pixels are {finest:.2g} wide at the surface"
+            refuse("voxel", problem, f"use {least:.2g} or more, or larger views")
+        finder = finder.coarser(math.ceil(least / voxel))
     blocks = finder.blocks()
-    require_room(len(blocks.keys), voxel)
+    require_room(len(blocks.keys), blocks.voxel)
     return blocks
 
 

@@ -7,7 +7,8 @@ from typing import Annotated
 
 from ..support.settings import Setting, check_settings, refuse
 
-VOXEL = "distance of the points at which the surface is looked for, world units (default: radius of the model / 128)"
+USUAL_VOXEL = "(default: radius of the model / 128, or a few times that where views are coarse)"
+VOXEL = f"distance of the points at which the surface is looked for, world units {USUAL_VOXEL}"
 REACH = "how far from the middle of the model there is a mesh, in radii of the model"
 MIN_FACES = "leave out connected parts with fewer triangles"
 CONNECTED = "keep the N connected parts with most triangles"

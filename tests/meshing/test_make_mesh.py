@@ -197,6 +197,17 @@ def test_a_voxel_much_finer_than_the_views_is_one_line(model, tmp_path, capsys):
     assert error.splitlines()[-1] == expected + "use 0.005 or more, or larger views"
 
 
+def test_the_voxel_follows_views_that_are_coarse(model, tmp_path, capsys):
+    """Where nobody asked for one."""
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=4)
+    status, said, error = run(capsys, "mesh", model, "-o", tmp_path / "o.ply", "--data", data)
+    assert status == 0, error
+    fine = robust_sphere(ball())[1] / 128
+    voxel = float(said.rpartition(" ")[2])
+    assert voxel == pytest.approx(3 * fine, rel=1e-3)  # a pixel, 48 to a picture, shows 0.047 at the ball
+    assert said.splitlines()[-1].startswith(f"{tmp_path / 'o.ply'}: ") and int(said.split()[1].replace(",", "")) > 5000
+
+
 def test_progress_is_told_view_by_view(model, tmp_path):
     told = []
     config = MeshConfig(voxel=0.1, views=3, size=(40, 30), inside=0)
