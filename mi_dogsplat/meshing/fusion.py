@@ -45,11 +45,14 @@ class Fusion:
             [dr.opaque(mi.UInt32, side) for side in depth.shape],
         )  # fmt: skip
 
-    def distances(self) -> tuple[Array, Array]:
-        """[B, SIDE, SIDE, SIDE] mean distance in units of the truncation, and how many views told it (0: no view)."""
+    def distances(self, least: int = 1) -> Array:
+        """[B, SIDE, SIDE, SIDE] mean distance in units of the truncation; NaN where fewer views told it than ``least``,
+        which is 1 or more."""
         shape = len(self.blocks.keys), SIDE, SIDE, SIDE
-        counts = self._counts.numpy().reshape(shape)
-        return self._sums.numpy().reshape(shape) / np.maximum(counts, 1), counts
+        if not shape[0]:  # Dr.Jit compares no empty array
+            return np.zeros(shape, np.float32)
+        told = self._counts >= dr.opaque(mi.Float, least)
+        return dr.select(told, self._sums / self._counts, dr.nan).numpy().reshape(shape)
 
 
 def _add(sums, counts, rows, corners: list, numbers: list, depth, size: list) -> None:

@@ -36,7 +36,7 @@ VOXELS_OF_RADIUS = 128
 STEPS_OF_VOXEL = 4  # at least: of the positions that float32, as models and meshes have it, tells apart
 TRUNCATION = 4.0  # voxels, to either side of a surface
 MOST_BLOCKS = 1 << 22  # beyond, sums have more entries than Dr.Jit can index
-BYTES = 32  # of a voxel, while its distance becomes triangles
+BYTES = 18  # of a voxel, while its distance becomes triangles
 VOXELS_OF_PIXEL = 4  # more of them along what a pixel of the finest view shows, and the surface falls into crumbs
 LEAST_VIEWS = 2  # that tell a voxel, or all where there are fewer
 
@@ -123,12 +123,7 @@ def surface_of(
     views = SurfaceViews.of(splats, cameras, drawn)
     blocks = seen_blocks(views, centre, voxel, config.reach * radius, config.voxel is not None, tell)
     voxel = blocks.voxel
-    fusion = Fusion(blocks, TRUNCATION * voxel)
-    for camera, depth, _ in views:
-        fusion.add(camera, depth, views.near)
-        tell()
-    distances, counts = fusion.distances()
-    mesh = zero_surface(blocks, distances, counts >= min(LEAST_VIEWS, len(cameras)))
+    mesh = zero_surface(blocks, fused(views, blocks, tell))
     kept = mesh.without_crumbs(config.min_faces, config.connected)
     if len(mesh.faces) > len(kept.faces) == 0:
         most = counted(int(np.bincount(mesh.parts()).max()), "triangle")
@@ -175,6 +170,15 @@ def seen_blocks(
     blocks = finder.blocks()
     require_room(len(blocks.keys), blocks.voxel)
     return blocks
+
+
+def fused(views: SurfaceViews, blocks: Blocks, tell: Callable[[], None]) -> Array:
+    """[B, SIDE, SIDE, SIDE] what all views say of the distances in blocks; NaN where too few see anything."""
+    fusion = Fusion(blocks, TRUNCATION * blocks.voxel)
+    for camera, depth, _ in views:
+        fusion.add(camera, depth, views.near)
+        tell()
+    return fusion.distances(min(LEAST_VIEWS, len(views.cameras)))
 
 
 def require_room(n_blocks: int, voxel: float) -> None:

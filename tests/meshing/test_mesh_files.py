@@ -43,7 +43,7 @@ def test_another_name_is_one_line(tmp_path):
 @pytest.mark.parametrize("suffix", WRITERS)
 def test_positions_are_as_exact_as_float32_has_them(suffix, tmp_path):
     path = tmp_path / f"mesh{suffix}"
-    vertices = np.float32([[1e6, 1e6 + 0.0625, -(1e6 + 0.125)], [5e5 + 1 / 32, 0, 0], [0, 0.1, 1 / 3]])
+    vertices = np.array([[1e6, 1e6 + 0.0625, -(1e6 + 0.125)], [5e5 + 1 / 32, 0, 0], [0, 0.1, 1 / 3]], np.float32)
     writer_of(path)(path, Mesh(vertices, np.array([[0, 1, 2]])))
     params = mi.traverse(mi.load_dict({"type": suffix[1:], "filename": str(path)}))
     positions = np.array(params["vertex_positions"]).reshape(-1, 3)[np.array(params["faces"])]
