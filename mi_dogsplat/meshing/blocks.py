@@ -41,6 +41,11 @@ class Blocks:
         """[B, 3] world position of the first voxel of each block, float64."""
         return self.centre + self.voxel * SIDE * self.places
 
+    @property
+    def radius(self) -> float:
+        """Of the sphere around the voxels of a block, world units."""
+        return self.voxel * (SIDE - 1) * math.sqrt(3) / 2
+
     def rows(self, places: Array) -> Array:
         """[P] row of each block at ``places`` [P, 3], -1 where there is none."""
         wanted = keys_of(places)
@@ -51,7 +56,7 @@ class Blocks:
 
     def seen_by(self, camera: Camera, near: float) -> Array:
         """[b] rows of the blocks that may be in the picture of a camera, by the sphere around each."""
-        radius = self.voxel * (SIDE - 1) * np.sqrt(3) / 2
+        radius = self.radius
         middle = self.corners + self.voxel * (SIDE - 1) / 2
         x, y, z = (middle @ camera.w2c[:3, :3].T + camera.w2c[:3, 3]).T
         seen = z + radius > near

@@ -14,6 +14,7 @@ import numpy as np
 from ..scene.cameras import Camera
 from ..scene.splats import Array
 from .blocks import SIDE, VOXELS, Blocks
+from .occlusion import hidden
 
 BITS = SIDE.bit_length() - 1  # of a coordinate within a block
 
@@ -31,10 +32,13 @@ class Fusion:
     def add(self, camera: Camera, depth: Array, near: float) -> None:
         """A view: its depth picture [H, W], z along the optical axis, 0 where it sees no surface."""
         rows = self.blocks.seen_by(camera, near)
-        if not len(rows):
-            return
         rotation = camera.w2c[:3, :3]
         corners = self.blocks.corners[rows] @ rotation.T + camera.w2c[:3, 3]  # in camera space: far origins are gone
+        to_middle = self.blocks.voxel * (SIDE - 1) / 2 * rotation.sum(axis=1)
+        told = ~hidden(camera, depth, corners + to_middle, self.blocks.radius, self.truncation)
+        rows, corners = rows[told], corners[told]
+        if not len(rows):
+            return
         numbers = [camera.fx, camera.fy, camera.cx, camera.cy, near, 1 / self.truncation]
         steps = (self.blocks.voxel * rotation).ravel()  # a step along x, y and z are its columns
         _add(
