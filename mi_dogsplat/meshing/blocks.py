@@ -17,7 +17,6 @@ SIDE = 8  # voxels along the edge of a block
 VOXELS = SIDE**3  # of a block
 BITS = 21  # of a coordinate in a key
 HALF = 1 << (BITS - 1)  # coordinates of cells and blocks are below it in size
-AROUND = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3)  # a cell and its neighbours
 
 
 @dataclass(frozen=True)
@@ -103,12 +102,14 @@ class BlockFinder:
     def blocks(self) -> Blocks:
         """All of whose voxels some may be within reach of a point."""
         self._merge()
-        cells = places_of(self._cells)
-        near = places_of(np.unique(keys_of((cells[:, None] + AROUND).reshape(-1, 3))))  # [C, 3]
+        keys = self._cells
+        for step in (1, 1 << BITS, 1 << 2 * BITS):  # the neighbours along one axis after the other
+            keys = np.unique(np.concatenate([keys - step, keys, keys + step]))
+        near = places_of(keys)  # [C, 3]
         blocks_of_cell = self.reach / (SIDE * self.voxel)  # along an edge
         n = math.ceil(blocks_of_cell)  # points of a cell that are a block apart, or less, are in all of its blocks
         keys = [
-            keys_of(np.floor((near + np.array(steps) / n) * blocks_of_cell).astype(np.int64))
+            np.unique(keys_of(np.floor((near + np.array(steps) / n) * blocks_of_cell).astype(np.int64)))
             for steps in np.ndindex(n + 1, n + 1, n + 1)
         ]
         return Blocks(self.centre, self.voxel, np.unique(np.concatenate(keys)))
