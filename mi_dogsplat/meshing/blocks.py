@@ -17,7 +17,6 @@ SIDE = 8  # voxels along the edge of a block
 VOXELS = SIDE**3  # of a block
 BITS = 21  # of a coordinate in a key
 HALF = 1 << (BITS - 1)  # coordinates of cells and blocks are below it in size
-AROUND = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3)  # a cell and its neighbours
 
 
 @dataclass(frozen=True)
@@ -41,6 +40,11 @@ class Blocks:
         """[B, 3] world position of the first voxel of each block, float64."""
         return self.centre + self.voxel * SIDE * self.places
 
+    @property
+    def radius(self) -> float:
+        """Of the sphere around the voxels of a block, world units."""
+        return self.voxel * (SIDE - 1) * math.sqrt(3) / 2
+
     def rows(self, places: Array) -> Array:
         """[P] row of each block at ``places`` [P, 3], -1 where there is none."""
         wanted = keys_of(places)
@@ -51,7 +55,7 @@ class Blocks:
 
     def seen_by(self, camera: Camera, near: float) -> Array:
         """[b] rows of the blocks that may be in the picture of a camera, by the sphere around each."""
-        radius = self.voxel * (SIDE - 1) * np.sqrt(3) / 2
+        radius = self.radius
         middle = self.corners + self.voxel * (SIDE - 1) / 2
         x, y, z = (middle @ camera.w2c[:3, :3].T + camera.w2c[:3, 3]).T
         seen = z + radius > near
@@ -88,15 +92,24 @@ class BlockFinder:
         """How many blocks there will be at least."""
         return len(self._cells) // max(1, math.ceil(SIDE * self.voxel / self.reach)) ** 3
 
+    def coarser(self, factor: int) -> BlockFinder:
+        """What finds blocks near the same points, with ``voxel`` and ``reach`` so many times as large."""
+        self._merge()
+        found = BlockFinder(self.centre, factor * self.voxel, factor * self.reach)
+        found._cells = np.unique(keys_of(places_of(self._cells) // factor))
+        return found
+
     def blocks(self) -> Blocks:
         """All of whose voxels some may be within reach of a point."""
         self._merge()
-        cells = places_of(self._cells)
-        near = places_of(np.unique(keys_of((cells[:, None] + AROUND).reshape(-1, 3))))  # [C, 3]
+        keys = self._cells
+        for step in (1, 1 << BITS, 1 << 2 * BITS):  # the neighbours along one axis after the other
+            keys = np.unique(np.concatenate([keys - step, keys, keys + step]))
+        near = places_of(keys)  # [C, 3]
         blocks_of_cell = self.reach / (SIDE * self.voxel)  # along an edge
         n = math.ceil(blocks_of_cell)  # points of a cell that are a block apart, or less, are in all of its blocks
         keys = [
-            keys_of(np.floor((near + np.array(steps) / n) * blocks_of_cell).astype(np.int64))
+            np.unique(keys_of(np.floor((near + np.array(steps) / n) * blocks_of_cell).astype(np.int64)))
             for steps in np.ndindex(n + 1, n + 1, n + 1)
         ]
         return Blocks(self.centre, self.voxel, np.unique(np.concatenate(keys)))

@@ -14,6 +14,7 @@ import numpy as np
 from ..scene.cameras import Camera
 from ..scene.splats import Array
 from .blocks import SIDE, VOXELS, Blocks
+from .occlusion import hidden
 
 BITS = SIDE.bit_length() - 1  # of a coordinate within a block
 
@@ -31,10 +32,13 @@ class Fusion:
     def add(self, camera: Camera, depth: Array, near: float) -> None:
         """A view: its depth picture [H, W], z along the optical axis, 0 where it sees no surface."""
         rows = self.blocks.seen_by(camera, near)
-        if not len(rows):
-            return
         rotation = camera.w2c[:3, :3]
         corners = self.blocks.corners[rows] @ rotation.T + camera.w2c[:3, 3]  # in camera space: far origins are gone
+        to_middle = self.blocks.voxel * (SIDE - 1) / 2 * rotation.sum(axis=1)
+        told = ~hidden(camera, depth, corners + to_middle, self.blocks.radius, self.truncation)
+        rows, corners = rows[told], corners[told]
+        if not len(rows):
+            return
         numbers = [camera.fx, camera.fy, camera.cx, camera.cy, near, 1 / self.truncation]
         steps = (self.blocks.voxel * rotation).ravel()  # a step along x, y and z are its columns
         _add(
@@ -45,11 +49,14 @@ class Fusion:
             [dr.opaque(mi.UInt32, side) for side in depth.shape],
         )  # fmt: skip
 
-    def distances(self) -> tuple[Array, Array]:
-        """[B, SIDE, SIDE, SIDE] mean distance in units of the truncation, and how many views told it (0: no view)."""
+    def distances(self, least: int = 1) -> Array:
+        """[B, SIDE, SIDE, SIDE] mean distance in units of the truncation; NaN where fewer views told it than ``least``,
+        which is 1 or more."""
         shape = len(self.blocks.keys), SIDE, SIDE, SIDE
-        counts = self._counts.numpy().reshape(shape)
-        return self._sums.numpy().reshape(shape) / np.maximum(counts, 1), counts
+        if not shape[0]:  # Dr.Jit compares no empty array
+            return np.zeros(shape, np.float32)
+        told = self._counts >= dr.opaque(mi.Float, least)
+        return dr.select(told, self._sums / self._counts, dr.nan).numpy().reshape(shape)
 
 
 def _add(sums, counts, rows, corners: list, numbers: list, depth, size: list) -> None:

@@ -33,9 +33,10 @@ from .surface_views import SurfaceViews, points_of
 from .vertex_colors import vertex_colors
 
 VOXELS_OF_RADIUS = 128
+STEPS_OF_VOXEL = 4  # at least: of the positions that float32, as models and meshes have it, tells apart
 TRUNCATION = 4.0  # voxels, to either side of a surface
 MOST_BLOCKS = 1 << 22  # beyond, sums have more entries than Dr.Jit can index
-BYTES = 32  # of a voxel, while its distance becomes triangles
+BYTES = 18  # of a voxel, while its distance becomes triangles
 VOXELS_OF_PIXEL = 4  # more of them along what a pixel of the finest view shows, and the surface falls into crumbs
 LEAST_VIEWS = 2  # that tell a voxel, or all where there are fewer
 
@@ -73,6 +74,7 @@ def make_mesh(
     require_arrays()
     model, out = Path(model), Path(out)
     write = writer_of(out)
+    config.require_use(own_views=bool(data))
     options.require_use(images=bool(data), pictures=True)
     read = read_source(model, out, "mesh")
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
@@ -81,11 +83,12 @@ def make_mesh(
         cameras = [view.camera for view in load_dataset(data, options.shrink).train]
     else:
         cameras = vantage_cameras(splats, config.views, config.size, 0, config.inside, read.drawing.up)
-        drawn = look_from_near(splats, drawn).drawn
+        if options.near_clip is None:
+            drawn = look_from_near(splats, drawn).drawn
     mesh, voxel = surface_of(splats, cameras, drawn, config, show)
     if not len(mesh.faces):
         problem = "no surface is seen that hides half of what is behind it"
-        raise DataError(model, problem, "use a smaller --voxel, fewer --min-faces, or other views")
+        raise DataError(model, problem, "use a smaller --voxel or --near-clip, a larger --reach, or other views")
     write(out, mesh)
     return Meshed(len(mesh.faces), len(cameras), voxel)
 
@@ -105,7 +108,7 @@ def surface_of(
         config: its ``voxel``, ``reach``, ``min_faces`` and ``connected``.
         show: as in ``make_mesh``.
 
-    Raises ``DataError`` where there would be too many voxels.
+    Raises ``DataError`` where there would be too many voxels, or no part that is large enough.
     """
     done = 0
 
@@ -116,42 +119,66 @@ def surface_of(
             show(done, 3 * len(cameras))
 
     centre, radius = robust_sphere(splats)
-    voxel = config.voxel or radius / VOXELS_OF_RADIUS
+    voxel = voxel_of(config, centre, radius)
     views = SurfaceViews.of(splats, cameras, drawn)
-    blocks = seen_blocks(views, centre, voxel, config.reach * radius, tell)
-    fusion = Fusion(blocks, TRUNCATION * voxel)
-    for camera in cameras:
-        fusion.add(camera, views.depth(camera), views.near)
-        tell()
-    distances, counts = fusion.distances()
-    mesh = zero_surface(blocks, distances, counts >= min(LEAST_VIEWS, len(cameras)))
-    mesh = mesh.without_crumbs(config.min_faces, config.connected)
-    return replace(mesh, colors=vertex_colors(mesh.vertices, views, TRUNCATION * voxel, tell)), voxel
+    blocks = seen_blocks(views, centre, voxel, config.reach * radius, config.voxel is not None, tell)
+    voxel = blocks.voxel
+    mesh = zero_surface(blocks, fused(views, blocks, tell))
+    kept = mesh.without_crumbs(config.min_faces, config.connected)
+    if len(mesh.faces) > len(kept.faces) == 0:
+        most = counted(int(np.bincount(mesh.parts()).max()), "triangle")
+        problem = f"{config.min_faces} is too many: no part has more than {most}"
+        refuse("min_faces", problem, "use fewer, or a smaller --voxel")
+    return replace(kept, colors=vertex_colors(kept.vertices, views, TRUNCATION * voxel, tell)), voxel
 
 
-def seen_blocks(views: SurfaceViews, centre: Array, voxel: float, reach: float, tell: Callable[[], None]) -> Blocks:
+def voxel_of(config: MeshConfig, centre: Array, radius: float) -> float:
+    """The voxel of a model, world units. Raises ``DataError`` for one finer than positions in float32 are there."""
+    step = float(np.spacing(np.float32(np.abs(centre).max() + radius)))
+    if config.voxel is None:
+        return max(radius / VOXELS_OF_RADIUS, STEPS_OF_VOXEL * step)
+    if config.voxel < STEPS_OF_VOXEL * step:
+        problem = f"{config.voxel:g} is too small: positions in float32 have steps of {step:.2g} where the model is"
+        refuse("voxel", problem, f"use {STEPS_OF_VOXEL * step:.2g} or more")
+    return config.voxel
+
+
+def seen_blocks(
+    views: SurfaceViews, centre: Array, voxel: float, reach: float, is_asked: bool, tell: Callable[[], None]
+) -> Blocks:
     """Blocks near the surfaces that views see within ``reach`` of ``centre``.
 
-    Raises ``DataError`` for more than there is memory for, and for voxels that are much finer than the views.
+    A voxel that is much finer than the views becomes coarser, a whole number of times. Raises ``DataError`` where it
+    ``is_asked`` for, and for more blocks than there is memory for.
     """
     if reach / voxel > 1 << 19:
         refuse("voxel", f"{voxel:g} is too small for a model that reaches {reach:g} far", "use a larger one")
     finder, finest = BlockFinder(centre, voxel, TRUNCATION * voxel), math.inf
-    for camera in views.cameras:
-        points = points_of(camera, views.depth(camera))
+    for camera, depth, _ in views:
+        points = points_of(camera, depth)
         points = points[((points - centre) ** 2).sum(axis=1) <= reach**2]
         finder.add(points)
         require_room(finder.at_least, voxel)
         if len(points):
-            depth = np.median(camera.project(points)[1])
-            finest = min(finest, depth / max(camera.fx, camera.fy))
+            finest = min(finest, float(np.median(camera.project(points)[1])) / max(camera.fx, camera.fy))
         tell()
-    if voxel < finest / VOXELS_OF_PIXEL < math.inf:
-        remedy = f"use {finest / VOXELS_OF_PIXEL:.2g} or more, or larger views"
-        refuse("voxel", f"{voxel:g} is finer than the views, whose pixels are {finest:.2g} wide at the surface", remedy)
+    if voxel < (least := finest / VOXELS_OF_PIXEL) < math.inf:
+        if is_asked:
+            problem = f"{voxel:g} is finer than the views, whose pixels are {finest:.2g} wide at the surface"
+            refuse("voxel", problem, f"use {least:.2g} or more, or larger views")
+        finder = finder.coarser(math.ceil(least / voxel))
     blocks = finder.blocks()
-    require_room(len(blocks.keys), voxel)
+    require_room(len(blocks.keys), blocks.voxel)
     return blocks
+
+
+def fused(views: SurfaceViews, blocks: Blocks, tell: Callable[[], None]) -> Array:
+    """[B, SIDE, SIDE, SIDE] what all views say of the distances in blocks; NaN where too few see anything."""
+    fusion = Fusion(blocks, TRUNCATION * blocks.voxel)
+    for camera, depth, _ in views:
+        fusion.add(camera, depth, views.near)
+        tell()
+    return fusion.distances(min(LEAST_VIEWS, len(views.cameras)))
 
 
 def require_room(n_blocks: int, voxel: float) -> None:

@@ -16,7 +16,7 @@ class Mesh:
     """Triangles in the coordinates of the model; seen from outside their corners go counterclockwise."""
 
     vertices: Array
-    """[V, 3] float64, in units of the model"""
+    """[V, 3] in units of the model; float32, as files have it, of a surface that was found"""
     faces: Array
     """[F, 3] int, rows of ``vertices``"""
     colors: Array | None = None

@@ -7,7 +7,8 @@ from typing import Annotated
 
 from ..support.settings import Setting, check_settings, refuse
 
-VOXEL = "distance of the points at which the surface is looked for, world units (default: radius of the model / 128)"
+USUAL_VOXEL = "(default: radius of the model / 128, or a few times that where views are coarse)"
+VOXEL = f"distance of the points at which the surface is looked for, world units {USUAL_VOXEL}"
 REACH = "how far from the middle of the model there is a mesh, in radii of the model"
 MIN_FACES = "leave out connected parts with fewer triangles"
 CONNECTED = "keep the N connected parts with most triangles"
@@ -30,5 +31,15 @@ class MeshConfig:
 
     def __post_init__(self) -> None:
         check_settings(self)
-        if min(self.size) < 16:
-            refuse("size", f"{self.size[0]} x {self.size[1]} is too small", "use at least 16 x 16")
+        if not 16 <= min(self.size) <= max(self.size) <= 16_384:
+            refuse("size", f"{self.size[0]} x {self.size[1]} is out of range", "use 16 to 16384 pixels")
+
+    def says(self, name: str) -> bool:
+        """Whether a setting is another than its default."""
+        return getattr(self, name) != getattr(type(self), name)
+
+    def require_use(self, own_views: bool) -> None:
+        """Raise ``DataError`` for what is said of views that are not made; ``own_views``: those of data are fused."""
+        for name in ("views", "size", "inside"):
+            if own_views and self.says(name):
+                refuse(name, "is not for --data, whose training views are fused", "leave it out")

@@ -40,8 +40,9 @@ def write_ply(path: Path, mesh: Mesh) -> None:
 
 def write_obj(path: Path, mesh: Mesh) -> None:
     """Text; colours stand behind the positions, as MeshLab and Blender have it."""
-    rows = mesh.vertices if mesh.colors is None else np.concatenate([mesh.vertices, mesh.colors], axis=1)
-    lines = ["v " + " ".join(f"{number:.7g}" for number in row) for row in rows.tolist()]
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.tolist()]  # all that float32 tells apart
+    if mesh.colors is not None:
+        lines = [f"{line} {r:.4g} {g:.4g} {b:.4g}" for line, (r, g, b) in zip(lines, mesh.colors.tolist(), strict=True)]
     lines += ["f {} {} {}".format(*face) for face in (mesh.faces + 1).tolist()]
     write_bytes(path, ("\n".join(lines) + "\n").encode())
 

@@ -44,6 +44,17 @@ def test_every_voxel_within_reach_of_a_point_is_in_a_block(reach_in_voxels):
     assert far.max() <= 2 * reach + voxel * SIDE  # and no block is far from all
 
 
+@pytest.mark.parametrize("factor", [1, 2, 3, 7])
+def test_coarser_blocks_are_those_of_the_same_points(factor):
+    points = CENTRE + np.random.default_rng(4).uniform(-2, 2, (60, 3))
+    fine, coarse = BlockFinder(CENTRE, 0.03, 0.12), BlockFinder(CENTRE, factor * 0.03, factor * 0.12)
+    fine.add(points)
+    coarse.add(points)
+    blocks = fine.coarser(factor).blocks()
+    assert blocks.voxel == factor * 0.03
+    np.testing.assert_array_equal(blocks.keys, coarse.blocks().keys)
+
+
 def test_rows_are_those_of_the_blocks_or_none():
     blocks = Blocks(CENTRE, 0.1, np.unique(keys_of(np.array([[0, 0, 0], [1, -2, 3], [-5, 4, 0]]))))
     np.testing.assert_array_equal(blocks.rows(blocks.places), [0, 1, 2])

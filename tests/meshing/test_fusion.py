@@ -56,15 +56,16 @@ def test_distances_are_those_of_the_loop(near):
     fusion = Fusion(blocks, TRUNCATION)
     for camera, picture in zip(cameras(), pictures, strict=True):
         fusion.add(camera, picture, near)
-    distances, counts = fusion.distances()
-    assert distances.shape == counts.shape == (len(blocks.keys), SIDE, SIDE, SIDE)
+    distances = [fusion.distances(least) for least in (1, 2, 3)]
+    assert {values.shape for values in distances} == {(len(blocks.keys), SIDE, SIDE, SIDE)}
     checked = set()
     for row, place in [(k, rng.integers(0, SIDE, 3)) for k in range(len(blocks.keys)) for _ in range(12)]:
         point = blocks.corners[row] + blocks.voxel * place
         mean, count, clear = expected_distance(point, pictures, near)
         if clear:
-            assert counts[row][tuple(place)] == count
-            assert distances[row][tuple(place)] == pytest.approx(mean, abs=1e-4)
+            for least, values in enumerate(distances, start=1):
+                expected = mean if count >= least else np.nan
+                assert values[row][tuple(place)] == pytest.approx(expected, abs=1e-4, nan_ok=True)
             checked.add(count)
     assert checked == {0, 1, 2, 3} if near == NEAR else {0, 1, 2} <= checked
 
@@ -81,8 +82,14 @@ def test_far_from_the_origin_the_distances_are_the_same():
         finder.add(offset + np.array([[0.0, 0, 3], [0.5, 0.3, 3.5]]))
         fusion = Fusion(finder.blocks(), TRUNCATION)
         fusion.add(moved, np.full((23, 31), 3.1, np.float32), NEAR)
-        found.append(fusion.distances()[0])
+        found.append(fusion.distances())
     np.testing.assert_allclose(found[1], found[0], atol=1e-5)
+
+
+def test_of_no_blocks_there_are_no_distances():
+    fusion = Fusion(BlockFinder(np.zeros(3), 0.1, 0.4).blocks(), TRUNCATION)
+    fusion.add(make_camera(8, 6), np.ones((6, 8), np.float32), NEAR)
+    assert fusion.distances(2).shape == (0, SIDE, SIDE, SIDE)
 
 
 def test_a_view_that_sees_no_block_changes_nothing():
@@ -91,4 +98,4 @@ def test_a_view_that_sees_no_block_changes_nothing():
     fusion = Fusion(finder.blocks(), TRUNCATION)
     away = make_camera(w2c=affine(np.eye(3), (0, 0, -9)))
     fusion.add(away, np.full((away.height, away.width), 2, np.float32), NEAR)
-    assert not fusion.distances()[1].any()
+    assert np.isnan(fusion.distances()).all()

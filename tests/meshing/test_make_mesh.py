@@ -1,5 +1,7 @@
 """``dogsplat mesh``: the surface of a model of known shape and colours; bad input in a line."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tiny_data
@@ -10,6 +12,7 @@ from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.meshing.make import make_mesh, surface_of
 from mi_dogsplat.meshing.mesh_config import MeshConfig
 from mi_dogsplat.render.framing import robust_sphere
+from mi_dogsplat.render.vantages import vantage_cameras
 from mi_dogsplat.scene.drawing import Drawing, DrawnAs
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
@@ -120,20 +123,63 @@ def test_bad_input_is_one_line_and_nothing_is_written(model, tmp_path, capsys):
     write_ply(faint, rounded(make_splats(np.random.default_rng(0).normal(size=(50, 3)), 0.1, 0.02)))
     cases = {
         "no known mesh format; name a file that ends in .ply or .obj": [model, "-o", tmp_path / "o.stl"],
-        "--voxel: 1e-08 is too small for a model": [model, "-o", tmp_path / "o.ply", "--voxel", "1e-8"],
+        "--voxel: 1e-08 is too small: positions": [model, "-o", tmp_path / "o.ply", "--voxel", "1e-8"],
         "hides half of what is behind it": [faint, "-o", tmp_path / "o.ply"],
+        "--voxel: 1e-05 is too small for a model that reaches": [
+            model,
+            "-o",
+            tmp_path / "o.ply",
+            "--voxel",
+            "1e-5",
+            "--reach",
+            "100",
+        ],
+        "--min-faces: 999999 is too many": [model, "-o", tmp_path / "o.ply", "--voxel", "0.1", "--min-faces", "999999"],
         "is the model itself": [model, "-o", model],
         "there are no images to shrink": [model, "-o", tmp_path / "o.ply", "--downscale", "2"],
         "no such": [model, "-o", tmp_path / "o.ply", "--data", tmp_path / "nowhere"],
-        "16 x 8 is too small": [model, "-o", tmp_path / "o.ply", "--size", "16", "8"],
+        "--size: 16 x 8 is out of range": [model, "-o", tmp_path / "o.ply", "--size", "16", "8"],
+        "--size: 99 x 16385 is out of range": [model, "-o", tmp_path / "o.ply", "--size", "99", "16385"],
     }
     before = model.read_bytes()
     for expected, arguments in cases.items():
-        flags = [] if "--size" in arguments else FAST
+        flags = [] if {"--size", "--data"} & set(arguments) else FAST
         status, said, error = run(capsys, "mesh", *arguments, *flags)
         line = error.splitlines()[-1]  # of what is seen late, after a bar
         assert status == 2 and not said and line.startswith("dogsplat: ") and expected in line
     assert model.read_bytes() == before and not list(tmp_path.glob("o.*"))
+
+
+@pytest.mark.parametrize("flag", ["--views 12", "--size 80 60", "--inside 0"])
+def test_what_is_said_of_other_views_than_those_of_data_is_refused(model, tmp_path, capsys, flag):
+    result = run(capsys, "mesh", model, "-o", tmp_path / "o.ply", "--data", tmp_path / "data", *flag.split())
+    assert_one_line(result, f"{flag.split()[0]}: is not for --data", "leave it out")
+
+
+def test_a_near_clip_that_is_asked_for_counts(model, tmp_path, capsys):
+    """That of the file is for views from afar, and gives way to our own, which may be near."""
+    written = Model(ball(), Drawing(near_clip=50.0))
+    write_model(tmp_path / "far.ply", written)
+    meshed(capsys, tmp_path / "far.ply", tmp_path / "o.obj", "--voxel", "0.1")
+    result = run(capsys, "mesh", model, "-o", tmp_path / "none.obj", *FAST, "--near-clip", "50")
+    assert result[0] == 2 and "no surface is seen" in result[2] and not (tmp_path / "none.obj").exists()
+
+
+@pytest.mark.parametrize("distance", [1e4, 1e6, 3e8])
+def test_far_from_the_origin_voxels_are_as_large_as_float32_needs(distance):
+    """All corners of a triangle are apart in a file, whose positions are float32 too."""
+    splats = ball()
+    splats = replace(splats, means=splats.means * np.float32(max(1, distance / 1e6)) + np.float32(distance))
+    splats = replace(splats, log_scales=splats.log_scales + np.log(np.float32(max(1, distance / 1e6))))
+    cameras = vantage_cameras(splats, 8, (160, 120), share_inside=0)
+    mesh, voxel = surface_of(splats, cameras, DrawnAs())
+    assert voxel >= 4 * np.spacing(np.float32(distance))
+    corners = mesh.vertices.astype(np.float32)[mesh.faces]
+    assert len(corners) > 100
+    for k in range(3):
+        assert (corners[:, k] != corners[:, k - 1]).any(axis=1).all()
+    with pytest.raises(DataError, match="--voxel: .* is too small: positions in float32"):
+        surface_of(splats, cameras, DrawnAs(), MeshConfig(voxel=float(np.spacing(np.float32(distance)))))
 
 
 def test_too_many_voxels_for_the_memory_are_one_line(model, tmp_path, capsys, monkeypatch):
@@ -149,6 +195,17 @@ def test_a_voxel_much_finer_than_the_views_is_one_line(model, tmp_path, capsys):
     assert status == 2 and not said and not list(tmp_path.iterdir())
     expected = "dogsplat: --voxel: 0.0001 is finer than the views, whose pixels are 0.02 wide at the surface; "
     assert error.splitlines()[-1] == expected + "use 0.005 or more, or larger views"
+
+
+def test_the_voxel_follows_views_that_are_coarse(model, tmp_path, capsys):
+    """Where nobody asked for one."""
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=4)
+    status, said, error = run(capsys, "mesh", model, "-o", tmp_path / "o.ply", "--data", data)
+    assert status == 0, error
+    fine = robust_sphere(ball())[1] / 128
+    voxel = float(said.rpartition(" ")[2])
+    assert voxel == pytest.approx(3 * fine, rel=1e-3)  # a pixel, 48 to a picture, shows 0.047 at the ball
+    assert said.splitlines()[-1].startswith(f"{tmp_path / 'o.ply'}: ") and int(said.split()[1].replace(",", "")) > 5000
 
 
 def test_progress_is_told_view_by_view(model, tmp_path):

@@ -21,10 +21,6 @@ def field(function, extent: int) -> tuple[Blocks, np.ndarray]:
     return blocks, function(places).reshape(-1, SIDE, SIDE, SIDE)
 
 
-def everywhere(distances: np.ndarray) -> np.ndarray:
-    return np.ones(distances.shape, bool)
-
-
 def open_edges(mesh: Mesh) -> int:
     """Edges of a triangle that no other one has the other way round."""
     edges = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
@@ -41,18 +37,13 @@ def volume(mesh: Mesh) -> float:
 
 def test_a_ball_across_chunks_is_closed_and_has_its_volume_outwards():
     middle, radius = np.array([0.3, -0.2, 0.4]), 25.2  # in eight chunks, which meet at 0
-    mesh = zero_surface(*_all_told(field(lambda p: np.linalg.norm(p - middle, axis=-1) - radius, 32)))
+    mesh = zero_surface(*field(lambda p: np.linalg.norm(p - middle, axis=-1) - radius, 32))
     assert open_edges(mesh) == 0
     assert volume(mesh) == pytest.approx(4 / 3 * np.pi * (VOXEL * radius) ** 3, rel=2e-3)
     distances = np.linalg.norm((mesh.vertices - CENTRE) / VOXEL - middle, axis=1)
     np.testing.assert_allclose(distances, radius, atol=0.01)
     assert (mesh.vertices - CENTRE).min() < 0 < (mesh.vertices - CENTRE).max()
     assert mesh.parts().max() == 0
-
-
-def _all_told(found):
-    blocks, distances = found
-    return blocks, distances, everywhere(distances)
 
 
 def test_any_smooth_field_gives_closed_surfaces():
@@ -64,13 +55,13 @@ def test_any_smooth_field_gives_closed_surfaces():
         x, y, z = np.clip(p + n // 2, 0, n - 1).T
         return noise.T[z, y, x].reshape(p.shape[:-1]) + 5 * np.maximum(0, abs(p).max(axis=-1) - 34)
 
-    mesh = zero_surface(*_all_told(field(function, 40)))
+    mesh = zero_surface(*field(function, 40))
     assert len(mesh.faces) > 20_000 and mesh.parts().max() > 3
     assert open_edges(mesh) == 0
 
 
 def test_a_distance_of_exactly_0_makes_no_triangle_without_area_and_no_hole():
-    mesh = zero_surface(*_all_told(field(lambda p: abs(p).max(axis=-1) - 9.0, 16)))
+    mesh = zero_surface(*field(lambda p: abs(p).max(axis=-1) - 9.0, 16))
     assert open_edges(mesh) == 0
     assert volume(mesh) == pytest.approx((18 * VOXEL) ** 3, rel=0.02)
 
@@ -81,7 +72,7 @@ def test_where_nothing_is_known_there_are_no_triangles(axis):
     blocks, distances = field(lambda p: p[..., (axis + 1) % 3] - 0.25, 12)
     steps = np.array(list(np.ndindex(SIDE, SIDE, SIDE)))
     coordinate = (SIDE * blocks.places[:, None] + steps)[..., axis].reshape(distances.shape)
-    mesh = zero_surface(blocks, distances, coordinate <= 5)
+    mesh = zero_surface(blocks, np.where(coordinate <= 5, distances, np.nan))
     assert mesh.vertices[:, axis].max() == pytest.approx(CENTRE[axis] + 5 * VOXEL)
     np.testing.assert_allclose(mesh.vertices[:, (axis + 1) % 3], CENTRE[(axis + 1) % 3] + 0.25 * VOXEL, atol=1e-6)
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
@@ -93,7 +84,7 @@ def test_where_nothing_is_known_there_are_no_triangles(axis):
 
 def test_of_no_surface_there_is_no_mesh():
     blocks, distances = field(lambda p: np.linalg.norm(p, axis=-1) - 5, 8)
-    for values, told in ((distances + 99, everywhere(distances)), (distances, ~everywhere(distances))):
-        mesh = zero_surface(blocks, values, told)
+    for values in (distances + 99, np.full_like(distances, np.nan)):
+        mesh = zero_surface(blocks, values)
         assert mesh.vertices.shape == mesh.faces.shape == (0, 3)
     assert EDGE == 64

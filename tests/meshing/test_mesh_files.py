@@ -38,3 +38,13 @@ def test_an_obj_has_colours_behind_its_positions(tmp_path):
 def test_another_name_is_one_line(tmp_path):
     with pytest.raises(DataError, match=r"mesh.stl: no known mesh format; name a file that ends in .ply or .obj"):
         writer_of(tmp_path / "mesh.stl")
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_positions_are_as_exact_as_float32_has_them(suffix, tmp_path):
+    path = tmp_path / f"mesh{suffix}"
+    vertices = np.array([[1e6, 1e6 + 0.0625, -(1e6 + 0.125)], [5e5 + 1 / 32, 0, 0], [0, 0.1, 1 / 3]], np.float32)
+    writer_of(path)(path, Mesh(vertices, np.array([[0, 1, 2]])))
+    params = mi.traverse(mi.load_dict({"type": suffix[1:], "filename": str(path)}))
+    positions = np.array(params["vertex_positions"]).reshape(-1, 3)[np.array(params["faces"])]
+    np.testing.assert_array_equal(positions, vertices)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ...meshing.mesh_config import MeshConfig
-from ...render.picture_options import PictureOptions
+from ...render.picture_options import NEAR, PictureOptions
 from ...support.variants import set_variant
 from ...support.wording import counted
 from ...training.config import TrainConfig
@@ -25,6 +25,8 @@ renderer. Depth pictures of the model are fused to a signed distance, and marchi
 The mesh lies in the coordinates of the model, and has the colours of its vertices.
 """
 
+OF_FILE = "(default: as the file says; without --data a hundredth of the radius of the model, if that is less)"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
@@ -32,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".ply or .obj")
     add_settings(parser, MeshConfig)
     parser.add_argument("--data", metavar="DATA", help="data set whose training views are fused")
-    add_settings(parser, PictureOptions, ["downscale", "antialiased", "near_clip"])
+    add_settings(parser, PictureOptions, ["downscale", "antialiased", "near_clip"], {"near_clip": f"{NEAR} {OF_FILE}"})
     add_settings(parser, TrainConfig, ["variant"])
 
 
