@@ -18,9 +18,9 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.formats.read import read_model
-from mi_dogsplat.meshing.make import surface_of
 from mi_dogsplat.meshing.mesh import Mesh
 from mi_dogsplat.meshing.mesh_config import MeshConfig
+from mi_dogsplat.meshing.surface import surface_of
 from mi_dogsplat.meshing.surface_views import points_of
 from mi_dogsplat.render.vantages import vantage_cameras
 from mi_dogsplat.scene.cameras import Camera

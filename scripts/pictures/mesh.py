@@ -12,9 +12,9 @@ import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.formats.read import read_model
-from mi_dogsplat.meshing.make import surface_of
 from mi_dogsplat.meshing.mesh_config import MeshConfig
 from mi_dogsplat.meshing.mesh_files import write_ply
+from mi_dogsplat.meshing.surface import surface_of
 from mi_dogsplat.render.framing import automatic_camera
 from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.render.picture import picture_of

@@ -9,8 +9,9 @@ from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.write import write_model
-from mi_dogsplat.meshing.make import make_mesh, surface_of
+from mi_dogsplat.meshing.make import make_mesh
 from mi_dogsplat.meshing.mesh_config import MeshConfig
+from mi_dogsplat.meshing.surface import surface_of
 from mi_dogsplat.render.framing import robust_sphere
 from mi_dogsplat.render.vantages import vantage_cameras
 from mi_dogsplat.scene.drawing import Drawing, DrawnAs
@@ -184,7 +185,7 @@ def test_far_from_the_origin_voxels_are_as_large_as_float32_needs(distance):
 
 def test_too_many_voxels_for_the_memory_are_one_line(model, tmp_path, capsys, monkeypatch):
     """Told as soon as it is known, and not after all views."""
-    monkeypatch.setattr("mi_dogsplat.meshing.make.available_memory", lambda: 100_000)
+    monkeypatch.setattr("mi_dogsplat.meshing.seen_blocks.available_memory", lambda: 100_000)
     result = run(capsys, "mesh", model, "-o", tmp_path / "o.ply", "--voxel", "0.02", *FAST)
     assert_one_line(result, "--voxel: 0.02 makes", "use a larger one, or a smaller --reach")
 

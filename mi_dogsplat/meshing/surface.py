@@ -1,0 +1,86 @@
+"""The surface that cameras see of a model: views, blocks, distances, triangles, colours, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..render.framing import robust_sphere
+from ..scene.cameras import Camera
+from ..scene.drawing import DrawnAs
+from ..scene.splats import Array, Splats
+from ..support.settings import refuse
+from ..support.wording import counted
+from .blocks import Blocks
+from .fusion import Fusion
+from .marching import zero_surface
+from .mesh import Mesh
+from .mesh_config import MeshConfig
+from .seen_blocks import TRUNCATION, seen_blocks
+from .surface_views import SurfaceViews
+from .vertex_colors import vertex_colors
+
+VOXELS_OF_RADIUS = 128
+STEPS_OF_VOXEL = 4  # at least: of the positions that float32, as models and meshes have it, tells apart
+LEAST_VIEWS = 2  # that tell a voxel, or all where there are fewer
+
+
+def surface_of(
+    splats: Splats,
+    cameras: list[Camera],
+    drawn: DrawnAs,
+    config: MeshConfig = MeshConfig(),
+    show: Callable[[int, int], None] | None = None,
+) -> tuple[Mesh, float]:
+    """The surface that cameras see of a model, and the voxel it was looked for with, world units.
+
+    Args:
+        cameras: V >= 1 of them.
+        drawn: how the model is drawn.
+        config: its ``voxel``, ``reach``, ``min_faces`` and ``connected``.
+        show: as in ``make_mesh``.
+
+    Raises ``DataError`` where there would be too many voxels, or no part that is large enough.
+    """
+    done = 0
+
+    def tell() -> None:
+        nonlocal done
+        done += 1
+        if show:
+            show(done, 3 * len(cameras))
+
+    centre, radius = robust_sphere(splats)
+    voxel = voxel_of(config, centre, radius)
+    views = SurfaceViews.of(splats, cameras, drawn)
+    blocks = seen_blocks(views, centre, voxel, config.reach * radius, config.voxel is not None, tell)
+    voxel = blocks.voxel
+    mesh = zero_surface(blocks, fused(views, blocks, tell))
+    kept = mesh.without_crumbs(config.min_faces, config.connected)
+    if len(mesh.faces) > len(kept.faces) == 0:
+        most = counted(int(np.bincount(mesh.parts()).max()), "triangle")
+        problem = f"{config.min_faces} is too many: no part has more than {most}"
+        refuse("min_faces", problem, "use fewer, or a smaller --voxel")
+    return replace(kept, colors=vertex_colors(kept.vertices, views, TRUNCATION * voxel, tell)), voxel
+
+
+def voxel_of(config: MeshConfig, centre: Array, radius: float) -> float:
+    """The voxel of a model, world units. Raises ``DataError`` for one finer than positions in float32 are there."""
+    step = float(np.spacing(np.float32(np.abs(centre).max() + radius)))
+    if config.voxel is None:
+        return max(radius / VOXELS_OF_RADIUS, STEPS_OF_VOXEL * step)
+    if config.voxel < STEPS_OF_VOXEL * step:
+        problem = f"{config.voxel:g} is too small: positions in float32 have steps of {step:.2g} where the model is"
+        refuse("voxel", problem, f"use {STEPS_OF_VOXEL * step:.2g} or more")
+    return config.voxel
+
+
+def fused(views: SurfaceViews, blocks: Blocks, tell: Callable[[], None]) -> Array:
+    """[B, SIDE, SIDE, SIDE] what all views say of the distances in blocks; NaN where too few see anything."""
+    fusion = Fusion(blocks, TRUNCATION * blocks.voxel)
+    for camera, depth, _ in views:
+        fusion.add(camera, depth, views.near)
+        tell()
+    return fusion.distances(min(LEAST_VIEWS, len(views.cameras)))
