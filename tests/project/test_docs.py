@@ -41,7 +41,7 @@ SHORT = {
     "prune": {"--steps": "4"},
     "render": {"--spp": "1"},
     "simplify": {"--steps": "4", "--views": "4", "--size": "24 18"},
-    "mesh": {"--views": "4", "--size": "80 60", "--min-faces": "1", "--voxel": "0.2"},
+    "mesh": {"--min-faces": "1", "--voxel": "0.2"},
     "film": {"--seconds": "0.2", "--fps": "10", "--size": "32 24", "--samples": "2", "--spp": "1"},
     "capture": {"--spp": "1", "--views": "4", "--test": "1", "--size": "24 18", "--points": "100"},
 }
