@@ -214,7 +214,7 @@ def test_an_error_is_one_line_and_leaves_nothing(ball, in_window, monkeypatch, b
     (tmp_path / "temporary").mkdir()
     before = datablocks()
     if background:
-        with pytest.raises(RuntimeError, match=r'^Error: "ball": .*voxel.*; .*larger.*$') as caught:
+        with pytest.raises(RuntimeError, match=r'^Error: "ball": .*voxel.*; use .*$') as caught:
             bpy.ops.dogsplat.surface_mesh(voxel=1e-7)
         assert len(str(caught.value).strip().splitlines()) == 1
     else:
