@@ -41,7 +41,7 @@ SHORT = {
     "prune": {"--steps": "4"},
     "render": {"--spp": "1"},
     "simplify": {"--steps": "4", "--views": "4", "--size": "24 18"},
-    "mesh": {"--min-faces": "1", "--voxel": "0.2"},
+    "mesh": {"--min-faces": "1", "--voxel": "0.2", "--views": "4", "--size": "80 60"},
     "film": {"--seconds": "0.2", "--fps": "10", "--size": "32 24", "--samples": "2", "--spp": "1"},
     "capture": {"--spp": "1", "--views": "4", "--test": "1", "--size": "24 18", "--points": "100"},
 }
@@ -98,6 +98,8 @@ def shortened(argv: list[str]) -> list[str]:
         if flag == "--spp" and argv[0] != "capture" and flag not in argv:  # a model has no samples
             continue
         if argv[0] == "capture" and flag in ("--views", "--test", "--size") and set(argv) & set(CAPTURED):
+            continue
+        if argv[0] == "mesh" and flag in ("--views", "--size") and "--data" in argv:
             continue
         if flag in argv:
             at = argv.index(flag) + 1
