@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from skimage.measure import marching_cubes
 
 from ..scene.splats import Array
 from .blocks import SIDE, Blocks
@@ -22,8 +23,6 @@ def zero_surface(blocks: Blocks, distances: Array) -> Mesh:
     Vertices on the border of two chunks are one vertex of the mesh: both compute it from the same numbers. So are
     those that float32, as files have it, does not tell apart.
     """
-    from skimage.measure import marching_cubes
-
     places = blocks.places
     owners = np.unique((places[:, None] - np.array(list(np.ndindex(2, 2, 2)))).reshape(-1, 3) // CHUNK, axis=0)
     vertices, faces, n = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0

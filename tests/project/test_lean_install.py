@@ -14,7 +14,7 @@ import tiny_data
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
-MODULES = {"pillow": "PIL", "zstandard": "zstandard", "flip-evaluator": "flip_evaluator"}
+MODULES = {"pillow": "PIL", "zstandard": "zstandard", "flip-evaluator": "flip_evaluator", "scikit-image": "skimage"}
 MODULES |= {name: name for name in ("scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
 MODULES |= {name: name for name in ("threadpoolctl", "pycolmap", "av")}
 HIDDEN = sorted(MODULES.values())
@@ -70,7 +70,7 @@ def requirements(name: str) -> set[str]:
 
 def test_the_core_needs_mitsuba_numpy_and_openexr_only():
     assert requirements("dependencies") == {"mitsuba", "numpy", "OpenEXR"}
-    for extra in ("train", "export", "film", "view"):
+    for extra in ("train", "export", "film", "mesh", "view"):
         assert requirements(extra) <= set(MODULES)  # else they are not hidden here
 
 
@@ -121,6 +121,7 @@ def test_a_model_and_a_run_are_described_without_extras(model, tmp_path, flags):
         ["info", "{data}"],
         ["export", "{model}", "-o", "{out}.spz"],
         ["film", "{model}", "-o", "{out}.mp4"],
+        ["mesh", "{model}", "-o", "{out}.ply"],
         ["view", "{model}"],
     ],
     ids=lambda argv: argv[0],
@@ -130,7 +131,7 @@ def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, 
     names = {"data": data, "model": model, "out": tmp_path / "out"}
     done = core(COMMAND, *(word.format(**names) for word in argv))
     assert done.returncode == 2 and done.stdout == "", done
-    extra = argv[0] if argv[0] in ("export", "film", "view") else "train"
+    extra = argv[0] if argv[0] in ("export", "film", "mesh", "view") else "train"
     assert re.fullmatch(rf"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[{extra}\]'\n", done.stderr)
     assert not list(tmp_path.glob("out*"))
 
@@ -140,9 +141,10 @@ def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, 
     [
         ("export", 'sys.exit(any(main(["export", model, "-o", out + end]) for end in ends))', [".spz", ".sog"]),
         ("film", 'sys.exit(any(main(["film", model, "-o", out + end, *short]) for end in ends))', [".mp4", ""]),
+        ("mesh", 'sys.exit(main(["mesh", model, "-o", out + ".ply", "--min-faces", "1"]))', [".ply"]),
         ("view", "import mi_dogsplat.viewer.server; open(out, 'w').close()", [""]),
     ],
-    ids=["SPZ and SOG", "video and numbered pictures", "viewer"],
+    ids=["SPZ and SOG", "video and numbered pictures", "mesh", "viewer"],
 )
 def test_an_extra_has_all_that_its_commands_need(model, tmp_path, extra, code, ends):
     hidden = sorted({MODULES[name] for name in set(MODULES) - requirements(extra)} - BEHIND_VIEW.get(extra, set()))
