@@ -85,9 +85,7 @@ def first_seen(
         return points, found
     found &= scene.integrator().sees_surfaces(scene)
     depth, camera = median_depth(mi, scene, shot), shot.camera  # [H, W]
-    row, column = np.indices(depth.shape) + 0.5
-    x, y = (column - camera.cx) / camera.fx * depth, (row - camera.cy) / camera.fy * depth
-    places = np.stack([x, y, depth], axis=-1) @ camera.c2w[:3, :3].T + camera.c2w[:3, 3]  # [H, W, 3]
+    places = camera.unproject(np.moveaxis(np.indices(depth.shape)[::-1], 0, -1) + 0.5, depth)  # [H, W, 3]
     before = (depth > 0) & (~found | (depth < depth_of(shot, points, found)))
     return np.where(before[..., None], places, points), found | before
 

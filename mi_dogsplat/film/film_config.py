@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from ..support.settings import Setting, check_settings, refuse
+from ..support.settings import Setting, check_settings, is_said, refuse
 
 PATHS = ("auto", "orbit", "cameras")
 ONLY_FOR = {"elevation": "orbit", "zoom": "orbit", "smoothing": "cameras"}  # flags of one path
@@ -46,15 +46,11 @@ class FilmConfig:
             refuse("size", f"{self.size[0]} x {self.size[1]} is out of range", "use 1 to 16384 pixels")
         if self.path != "auto":
             self.require_for(self.path)
-        if self.says("samples") and not self.shutter:
+        if is_said(self, "samples") and not self.shutter:
             refuse("samples", "is for motion blur, and there is none", "add --shutter, or leave it out")
-
-    def says(self, name: str) -> bool:
-        """Whether a setting is another than its default."""
-        return getattr(self, name) != getattr(type(self), name)
 
     def require_for(self, path: str) -> None:
         """Raise ``DataError`` for a setting of another path than that which the camera takes."""
         for name, other in ONLY_FOR.items():
-            if path != other and self.says(name):
+            if path != other and is_said(self, name):
                 refuse(name, f"is not for --path {path}", f"leave it out, or use --path {other}")

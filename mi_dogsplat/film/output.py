@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..support.errors import DataError
-from ..support.settings import refuse
+from ..support.settings import is_said, refuse
 from .film_config import FilmConfig
 from .pictures import NumberedPictures
 from .video import SUFFIX
@@ -45,6 +45,6 @@ def output_of(out: str | Path, config: FilmConfig) -> Output:
         if out.is_dir():
             raise DataError(out, "is a folder", "name a file in it")
         return Output(out, None)
-    if config.says("crf"):
+    if is_said(config, "crf"):
         refuse("crf", f"is for videos, and {out} is for pictures", f"leave it out, or name a video {SUFFIX}")
     return Output(out, NumberedPictures(out, in_folder))

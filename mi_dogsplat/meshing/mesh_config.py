@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from ..support.settings import Setting, check_settings, refuse
+from ..support.settings import Setting, check_settings, is_said, refuse
 
 USUAL_VOXEL = "(default: radius of the model / 128, or a few times that where views are coarse)"
 VOXEL = f"distance of the points at which the surface is looked for, world units {USUAL_VOXEL}"
@@ -34,12 +34,8 @@ class MeshConfig:
         if not 16 <= min(self.size) <= max(self.size) <= 16_384:
             refuse("size", f"{self.size[0]} x {self.size[1]} is out of range", "use 16 to 16384 pixels")
 
-    def says(self, name: str) -> bool:
-        """Whether a setting is another than its default."""
-        return getattr(self, name) != getattr(type(self), name)
-
     def require_use(self, own_views: bool) -> None:
         """Raise ``DataError`` for what is said of views that are not made; ``own_views``: those of data are fused."""
         for name in ("views", "size", "inside"):
-            if own_views and self.says(name):
+            if own_views and is_said(self, name):
                 refuse(name, "is not for --data, whose training views are fused", "leave it out")

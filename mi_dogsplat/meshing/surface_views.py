@@ -78,6 +78,4 @@ def _size(seen: Seen) -> int:
 def points_of(camera: Camera, depth: Array) -> Array:
     """[P, 3] where in the world the pixels with a depth see their surface."""
     row, column = np.nonzero(depth)
-    z = depth[row, column].astype(np.float64)
-    local = np.stack([(column + 0.5 - camera.cx) / camera.fx * z, (row + 0.5 - camera.cy) / camera.fy * z, z], -1)
-    return local @ camera.c2w[:3, :3].T + camera.position
+    return camera.unproject(np.stack([column, row], axis=-1) + 0.5, depth[row, column])

@@ -85,6 +85,12 @@ class Camera:
             pixels = local[:, :2] / depth[:, None] * (self.fx, self.fy) + (self.cx, self.cy)  # [P, 2]
         return pixels, depth
 
+    def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> np.ndarray:
+        """World points [..., 3] that pixels [..., 2] see at a depth [...], in float64: the inverse of ``project``."""
+        z = np.asarray(depth, dtype=np.float64)[..., None]
+        xy = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / (self.fx, self.fy) * z
+        return np.concatenate([xy, z], axis=-1) @ self.c2w[:3, :3].T + self.position
+
     def downscaled(self, k: int) -> Camera:
         """The camera of the image averaged over k x k blocks; the remainder at the right and bottom is cut
         off."""

@@ -102,6 +102,11 @@ def unfit(kind: type, values: Mapping[str, Any]) -> str:
     return ""
 
 
+def is_said(config: object, name: str) -> bool:
+    """Whether a setting is another than its default; what is usual may be said or not."""
+    return getattr(config, name) != getattr(type(config), name)
+
+
 def _in_range(value: Any, setting: Setting) -> bool:
     if math.isinf(setting.least) and math.isinf(setting.most):
         return True

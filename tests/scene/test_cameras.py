@@ -88,6 +88,16 @@ def test_c2w_K_and_position_agree_with_w2c_and_project():
     np.testing.assert_allclose(camera.project(point)[0][0], homogeneous[:2] / homogeneous[2])
 
 
+def test_what_is_unprojected_projects_to_its_pixels_at_its_depth():
+    camera, rng = some_camera(fy=55.0), np.random.default_rng(1)
+    pixels, depth = rng.uniform(-20, 90, (4, 5, 2)), rng.uniform(0.1, 9, (4, 5))
+    points = camera.unproject(pixels, depth.astype(np.float32))
+    assert points.shape == (4, 5, 3) and points.dtype == np.float64
+    back, z = camera.project(points)
+    np.testing.assert_allclose(back.reshape(4, 5, 2), pixels, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(z.reshape(4, 5).astype(np.float32), depth.astype(np.float32))
+
+
 def test_a_downscaled_camera_cuts_the_remainder_and_divides_pixel_positions_by_exactly_k():
     camera = some_camera(67, 50)
     small = camera.downscaled(4)
