@@ -151,7 +151,7 @@ class DOGSPLAT_PT_edit(bpy.types.Panel):
 
 def import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Entries of File > Import."""
-    self.layout.operator("import_scene.dogsplat", text="DoG Splat (.ply/.spz/.sog/.glb/.splat)")
+    self.layout.operator("import_scene.dogsplat", text="DoG Splat (.ply/.spz/.sog/.glb/.usd)")
     self.layout.operator("import_scene.dogsplat_cameras", text="DoG Splat Cameras (COLMAP, transforms.json, run)")
     self.layout.operator("import_scene.dogsplat_path", text="DoG Splat Camera Path (.json, of dogsplat film)")
 

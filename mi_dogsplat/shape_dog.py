@@ -33,8 +33,8 @@ class DogShape(mi.Mesh):
        - |string|
        - Model: PLY (with an element ``dog`` for DoG primitives, ``slopes`` and ``curvatures`` for colours that vary
          over their primitive, ``cuts`` for planes that cut some off, ``second_cuts`` for second ones, and ``shifts``
-         for places that depend on the view), compressed PLY, SPZ, SOG, glTF or .splat. The integrator draws it as its
-         file says, unless the shape or the integrator is told otherwise.
+         for places that depend on the view), compressed PLY, SPZ, SOG, glTF, OpenUSD or .splat. The integrator draws it
+         as its file says, unless the shape or the integrator is told otherwise.
 
      * - means, log_scales, quats, logit_opacities, sh_coeffs
        - |tensor|

@@ -15,7 +15,8 @@ from .said import Said, said_in
 from .spz import GZIP, gzip_comments, read_spz
 
 HEAD = 1 << 16  # bytes that are looked at first: comments may be long
-EXTENSIONS = (".ply", ".spz", ".sog", ".glb", ".gltf", ".splat", ".json")  # .json: the meta.json of SOG
+USD = (".usd", ".usda", ".usdc", ".usdz")
+EXTENSIONS = (".ply", ".spz", ".sog", ".glb", ".gltf", *USD, ".splat", ".json")  # .json: the meta.json of SOG
 Converter = Callable[[Path, Path], None]  # any model to a PLY, DoG and comments kept; raises ``FileError``
 
 

@@ -4,7 +4,7 @@ OPERATORS = {
     "Import DoG Splat": "DoG-Splat importieren",
     "Import": "Importieren",
     "DoG Splat (.ply)": "DoG-Splat (.ply)",
-    "DoG Splat (.ply/.spz/.sog/.glb/.splat)": "DoG-Splat (.ply/.spz/.sog/.glb/.splat)",
+    "DoG Splat (.ply/.spz/.sog/.glb/.usd)": "DoG-Splat (.ply/.spz/.sog/.glb/.usd)",
     "Import DoG Splat Cameras": "DoG-Splat-Kameras importieren",
     "Import Cameras": "Kameras importieren",
     "DoG Splat Cameras (COLMAP, transforms.json, run)": "DoG-Splat-Kameras (COLMAP, transforms.json, Training)",
@@ -63,9 +63,9 @@ REST = {
     "Y": "Y",
     "-Y": "-Y",
     # Import
-    "Import 3D Gaussian and Difference-of-Gaussians models (PLY and SPZ; with the package SOG, glTF and others too)": (
+    "Import 3D Gaussian and Difference-of-Gaussians models (PLY and SPZ; with the package glTF, OpenUSD and others too)": (
         "Modelle aus 3D-Gauß-Splats und Differenzen von Gauß-Funktionen importieren (PLY und SPZ; mit dem Paket auch "
-        "SOG, glTF und andere)"
+        "glTF, OpenUSD und andere)"
     ),
     "Up Axis": "Oben-Achse",
     "Which axis of the file is up": "Welche Achse der Datei nach oben zeigt",

@@ -16,7 +16,7 @@ from ..training.config import TrainConfig
 T = TypeVar("T")
 
 DATA_HELP = settings_of(TrainConfig)["data"][1].help
-MODEL_HELP = "model: .ply .spz .sog .glb .gltf .splat, or meta.json of SOG"
+MODEL_HELP = "model: .ply .spz .sog .glb .gltf .usd .usdz .splat, or meta.json of SOG"
 METAVARS = {int: "N", float: "X", str: "NAME"}
 OF_RUN = {
     name: settings_of(PictureOptions)[name][1].help.removesuffix(")") + "; of a run folder, as it was trained)"

@@ -15,7 +15,7 @@ from ..formats.model import Model
 from ..formats.read import read_source, require_writable
 from ..formats.table import PLY, format_to_write
 from ..formats.upright import upright
-from ..formats.write import write_model
+from ..formats.write import require_encoder, write_model
 from ..inspection.unneeded import Unneeded
 from ..measure.metrics import psnr
 from ..render.picture import background_color, photograph, picture_of, seen_as
@@ -78,7 +78,9 @@ def clean_model(
     if preview and Path(preview).suffix.lower() != ".png":
         raise DataError(preview, "no known picture format", "name a file that ends in .png")
     options.require_use(images=bool(data or preview), pictures=bool(data or preview))
-    if format_to_write(out) is not PLY and config.mixed_sh:
+    chosen = format_to_write(out)
+    require_encoder(out, chosen)
+    if chosen is not PLY and config.mixed_sh:
         raise DataError("--mixed-sh", "only PLY has SH degrees of single primitives", "name a file that ends in .ply")
     read = read_source(model, out, "clean", finite=False)
     if preview:

@@ -16,7 +16,7 @@ from ..export.bake import baked
 from ..export.refine import GREY, look_from_near, rendered
 from ..formats.read import read_source
 from ..formats.table import format_to_write
-from ..formats.write import write_model
+from ..formats.write import require_encoder, write_model
 from ..inspection.unneeded import Unneeded
 from ..measure.metrics import psnr
 from ..render.framing import robust_sphere
@@ -80,6 +80,7 @@ def simplify_model(
     require_arrays()
     model, out = Path(model), Path(out)
     chosen = format_to_write(out)
+    require_encoder(out, chosen)
     if config.dog and not chosen.dog:
         raise DataError("--dog", f"{chosen.name} has no room for DoG", "write a .ply, or leave it out")
     read = read_source(model, out, "simplify")

@@ -17,7 +17,7 @@ from ..formats.model import Model
 from ..formats.read import read_model, read_source
 from ..formats.table import SOG, Format, format_to_write
 from ..formats.upright import upright
-from ..formats.write import require_spz_version, write_model
+from ..formats.write import require_encoder, write_model
 from ..inspection.unneeded import Unneeded
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL
@@ -77,7 +77,7 @@ def export_model(
     page = out.name.lower().endswith(PAGE)
     chosen = SOG if page else format_to_write(out, (PAGE,))
     config.require_room(chosen, world.upright)
-    require_spz_version(out, chosen, config.spz_version)
+    require_encoder(out, chosen, config.spz_version)
     read = read_source(model, out, "export")
     drawing = world.over(options.drawing.over(read.drawing), data)
     stages, drawn = stages_of(read.splats, config), drawn_as(drawing)

@@ -18,8 +18,9 @@ from ..scene.scales import finite_scales
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from .gltf_container import glb, gltf
-from .gltf_read import DISPLAY, LINEAR, NAME, placing
-from .packing import unit_quats
+from .gltf_read import DISPLAY, LINEAR, NAME
+from .packing import LUF, unit_quats
+from .placed import placing
 
 FLOAT, BYTE, ARRAY_BUFFER, POINTS = 5126, 5121, 34962, 0
 KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
@@ -63,7 +64,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing(), binary: bool = True) ->
     if said := drawing.said():
         primitive["extras"] = {EXTRAS: said}
     node: dict[str, Any] = {"mesh": 0}
-    if not np.array_equal(placed := placing(drawing), np.eye(4)):
+    if not np.array_equal(placed := placing(drawing, LUF), np.eye(4)):
         node["matrix"] = placed.T.ravel().tolist()
     content = {
         "asset": {"version": "2.0", "generator": "mi_dogsplat"},

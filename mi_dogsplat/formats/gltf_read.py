@@ -1,32 +1,27 @@
 """Reading glTF with Gaussians: all primitives of the scene that have the extension, moved by their nodes.
 
 Compressed ones, by KHR_gaussian_splatting_compression_spz_2, hold an SPZ file in a buffer view.
-
-A node that only sets a model upright and in metres, as we write it, is left out: the model keeps its own numbers, and
-says by itself what is up and how long a unit is.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..scene.drawing import Drawing, drawing_of_extras
-from ..scene.orientation import UP, placement
 from ..scene.scales import SMALLEST_SCALE
 from ..scene.splats import Array, Splats
-from ..scene.transform import mean_scale, transformed
 from ..support.errors import DAMAGED, DataError
 from ..support.wording import printable
 from .gltf_container import Container, entry, matrix_of
-from .limits import FREE, RATIO
+from .limits import in_proportion
 from .model import Model
 from .packing import LUF, RUB, logits, turned
+from .placed import in_one_place, require_alike
 from .spz import content_of
 
 NAME = "KHR_gaussian_splatting"
@@ -36,26 +31,19 @@ MOST_NAMES = 3  # of extensions in a line
 WITHOUT = "export it without that"
 LINEAR, DISPLAY = "lin_rec709_display", "srgb_rec709_display"
 MAX_DEPTH = 64  # of nodes in nodes
-SAME = 1e-6  # relative difference of matrices
 
 
 def read(path: Path) -> Model:
     """The Gaussians of a file, in LUF axes. Raises ``DataError``."""
     container = Container.open(path)
     try:
-        found = _in_one_place(list(_models(container)))
+        found = list(in_proportion(_models(container), path.stat().st_size))
         if not found and "asset" not in container.content:  # any JSON is taken for glTF, which has to have that
             raise DataError(path, "is neither a glTF nor the meta.json of a SOG", "give the file of a model")
         if not found:
             raise DataError(path, f"holds no primitive with {NAME}", "export it as Gaussians")
-        if len({bool(model.drawing.linear) for model in found}) > 1:
-            raise DataError(path, "holds linear and display-referred primitives", "export two files, one of each")
-        drawing = Drawing()
-        for model in reversed(found):
-            drawing = model.drawing.over(drawing)
-        left_out = tuple(dict.fromkeys(line for model in found for line in model.left_out))
-        splats = found[0].splats.joined(*(model.splats for model in found[1:]))
-        return Model(splats, drawing, left_out)
+        require_alike(path, found)
+        return in_one_place(found, LUF)
     except DataError:
         raise
     except (struct.error, ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:
@@ -75,45 +63,12 @@ def _not_known(content: Any) -> str:
 def _models(container: Container) -> Iterator[tuple[Model, Array]]:
     """The model of each primitive, and the matrix [4, 4] of its node."""
     content = container.content
-    left = FREE + RATIO * container.path.stat().st_size  # bytes: nodes may name a mesh again and again
     for node, matrix in _nodes(content):
         for primitive in entry(content["meshes"], node["mesh"])["primitives"]:
             extension = (primitive.get("extensions") or {}).get(NAME)
             if extension is None:
                 continue
-            model = _of_primitive(container, primitive, extension)
-            left -= sum(getattr(model.splats, field.name).nbytes for field in fields(model.splats))
-            if left < 0:
-                raise ValueError("its nodes repeat more primitives than it has bytes for")
-            yield model, matrix
-
-
-def _in_one_place(found: list[tuple[Model, Array]]) -> list[Model]:
-    """Models in the axes that they say to have, where all nodes do the same and no more than that; else in glTF's."""
-    if all(_says(model.drawing, matrix) and np.array_equal(matrix, found[0][1]) for model, matrix in found):
-        return [model for model, _ in found]
-    return [_moved(model, matrix) for model, matrix in found]
-
-
-def _says(drawing: Drawing, matrix: Array) -> bool:
-    """Whether a node does no more than what its model says by itself."""
-    placed = placing(drawing)
-    known = np.allclose(matrix, placed, rtol=0, atol=SAME * abs(placed).max())
-    return known or np.array_equal(matrix, np.eye(4))
-
-
-def _moved(model: Model, matrix: Array) -> Model:
-    """The model where its node has it. What it said of its place is over then: the axes and metres of glTF hold."""
-    said, drawing = {"up": UP, "scale": 1.0}, model.drawing
-    now: dict[str, Any] = {name: value for name, value in said.items() if getattr(drawing, name) is not None}
-    drawing = replace(drawing.enlarged(mean_scale(matrix)), **now)
-    return replace(model, splats=transformed(model.splats, matrix), drawing=drawing)
-
-
-def placing(drawing: Drawing) -> Array:
-    """The matrix [4, 4] of the node that sets a model in LUF axes upright, y up, and in metres, as far as it says."""
-    axes = np.diag([*LUF[0], 1.0])
-    return axes @ placement(drawing.up, drawing.scale, UP) @ axes
+            yield _of_primitive(container, primitive, extension), matrix
 
 
 def _nodes(content: Any) -> Iterator[tuple[Any, Array]]:

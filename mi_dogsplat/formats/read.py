@@ -13,11 +13,12 @@ from ..scene.ply_tables import NOT_FINITE
 from ..scene.radiance import brightened
 from ..support.errors import DataError, writing
 from ..support.files import parse_json, require_place, written_file
-from . import gltf_container, sog_read, spz_container
+from . import gltf_container, sog_read, spz_container, usd_read
 from .folders import folder_given
 from .model import Model, require_finite
 from .packing import turned
-from .table import COMPRESSED_PLY, FORMATS, GLB, GLTF, PLY, SOG, SPLAT, SPZ, Format, read_any_ply
+from .table import COMPRESSED_PLY, FORMATS, GLB, GLTF, PLY, SOG, SPLAT, SPZ, USD, Format, read_any_ply
+from .usd_stage import is_usd
 
 HEAD = 1 << 16  # bytes that are looked at first: comments of a PLY may be long
 COMPRESSED = b"packed_position"  # in the header of that kind of PLY
@@ -48,12 +49,14 @@ def read_model(path: str | Path, finite: bool = True) -> Model:
 
 def size_of(path: Path) -> int:
     """Bytes of the file of a model that was read, and of the files beside it that it names: the pictures of a SOG that
-    is no bundle, the buffers of a .gltf. Raises ``OSError``."""
+    is no bundle, the buffers of a .gltf, the layers of an OpenUSD. Raises ``OSError``."""
     chosen, beside = format_of(path), []
     if chosen is SOG:
         beside = sog_read.files_beside(path)
     elif chosen in (GLB, GLTF):
         beside = gltf_container.Container.open(path).files_beside()
+    elif chosen is USD:
+        beside = usd_read.files_beside(path)
     return sum(file.stat().st_size for file in (path, *beside) if file.is_file())
 
 
@@ -135,6 +138,8 @@ def _by_content(path: Path, head: bytes) -> Format | None:
         return GLB
     if head[:3] == DEFLATED or head[:4] == spz_container.NGSP:
         return SPZ
+    if is_usd(head):
+        return USD
     if head[:4] == ZIP:
         return SOG
     if head.removeprefix(codecs.BOM_UTF8).lstrip()[:1] == b"{" and path.suffix.lower() != ".gltf" and _is_text(head):

@@ -24,7 +24,8 @@ from .packing import turned
 from .spz import COLORS
 from .spz import encode as encode_spz
 from .spz_container import rewrapped, zstandard_for
-from .table import PLY, SPZ, Format, format_to_write
+from .table import PLY, SPZ, USD, Format, format_to_write
+from .usd_stage import require_package
 
 SPZ_VERSIONS = (3, 4)  # that are written
 ROUNDING = 1 / 128  # by which a coefficient or colour is out of range: the step of SPZ, less is rounding
@@ -53,7 +54,7 @@ def write_model(
     chosen = format_to_write(path)
     model = model if isinstance(model, Model) else Model(model)
     _require_room(path, chosen, model)
-    require_spz_version(path, chosen, spz_version)
+    require_encoder(path, chosen, spz_version)
     splats = _held_by(chosen, model.splats, sh_rows)
     silent = chosen is SPZ and spz_version == 4 and bool(model.drawing.linear)  # its header has no room for a comment
     lost = what_is_lost(chosen, model)
@@ -104,12 +105,15 @@ def _held_by(chosen: Format, splats: Splats, sh_rows: bool) -> Splats:
     return splats
 
 
-def require_spz_version(path: Path, chosen: Format, spz_version: int) -> None:
-    """Raise ``DataError`` for a version of SPZ that is not written, or not here for want of a package."""
+def require_encoder(path: Path, chosen: Format, spz_version: int = SPZ_VERSIONS[0]) -> None:
+    """Raise ``DataError`` for a version of SPZ that is not written, and for want of a package: before what takes
+    long."""
     if spz_version not in SPZ_VERSIONS:
         raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
     if chosen is SPZ and spz_version == 4:
         zstandard_for(path)
+    if chosen is USD:
+        require_package(path)
 
 
 def what_is_lost(chosen: Format, model: Model) -> list[str]:

@@ -15,7 +15,7 @@ from .model import describe_model
 from .run import RUN_FILES, describe_run
 
 ACCEPTED = (
-    "give a model (.ply .spz .sog .glb .gltf .splat), a run folder, or a data set: a COLMAP folder, a folder with "
+    "give a model (.ply .spz .sog .glb .gltf .usd .splat), a run folder, or a data set: a COLMAP folder, a folder with "
     "transforms.json or transforms_train.json, or a Mitsuba scene .xml"
 )
 DATA_FILES = (".xml", ".json")

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-UP = "-y"  # in the axes of 3DGS PLY and of OpenCV's cameras; in those of SPZ and glTF the same is y
+UP = "-y"  # in the axes of 3DGS PLY and of OpenCV's cameras; in those of SPZ, glTF and OpenUSD the same is y
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 SNAP = 2.0  # degrees: what is so near to an axis is called by its name; cameras tell up no better than to a degree
 LONGEST, SHORTEST = 1e6, 1e-6  # of what three numbers may be

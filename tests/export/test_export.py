@@ -108,13 +108,13 @@ def test_every_format_is_written_measured_and_close_to_the_baked_model(capsys, m
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["model.ply", out.name])
 
 
-def test_spz_and_gltf_have_y_up_and_the_others_the_axes_of_the_model(capsys, model, tmp_path):
+def test_spz_gltf_and_openusd_have_y_up_and_the_others_the_axes_of_the_model(capsys, model, tmp_path):
     for suffix in FORMATS:
         assert run(capsys, "export", model, "-o", tmp_path / f"out{suffix}", "--views", "0", "--refine", "0")[0] == 0
     truth = baked(read_ply(model))
     middle = truth.means.mean(axis=0)
     for suffix, chosen in FORMATS.items():
-        sign = {".spz": [1, -1, -1], ".glb": [-1, -1, 1], ".gltf": [-1, -1, 1]}.get(suffix, [1, 1, 1])
+        sign = {"SPZ": [1, -1, -1], "OpenUSD": [1, -1, -1], "glTF": [-1, -1, 1]}.get(chosen.name, [1, 1, 1])
         found = chosen.read(tmp_path / f"out{suffix}").splats
         assert found.means.mean(axis=0) == pytest.approx(middle * sign, abs=2e-3)
     bundle = gltf_read.read(tmp_path / "out.glb").splats

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fuzz_targets import gltf_of_spz
 from mi_dogsplat import Drawing, Model, read_model, write_model
-from mi_dogsplat.formats import gltf_read
+from mi_dogsplat.formats import limits
 from mi_dogsplat.formats.gltf_container import glb, matrix_of
 from mi_dogsplat.formats.packing import LUF, turned
 from mi_dogsplat.scene.cameras import affine
@@ -86,10 +86,10 @@ def test_nodes_that_repeat_a_model_claim_all_of_its_memory(tmp_path, content, mo
     (tmp_path / "b.glb").write_bytes(glb(found, binary))
     splats = foreign_model.model()
     one = sum(getattr(splats, name).nbytes for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"))
-    monkeypatch.setattr(gltf_read, "RATIO", 0)
-    monkeypatch.setattr(gltf_read, "FREE", 4 * one)
+    monkeypatch.setattr(limits, "RATIO", 0)
+    monkeypatch.setattr(limits, "FREE", 4 * one)
     assert read_model(tmp_path / "b.glb").splats.n_splats == 4 * splats.n_splats
-    monkeypatch.setattr(gltf_read, "FREE", 4 * one - 1)
+    monkeypatch.setattr(limits, "FREE", 4 * one - 1)
     with pytest.raises(DataError, match="repeat more primitives"):
         read_model(tmp_path / "b.glb")
 

@@ -70,7 +70,7 @@ SHIFTED = Kind(
     moves_seen, 1e-4, "shifts",
 )  # fmt: skip
 each_kind = of_each(SLOPED, CURVED, CUT, SECOND_CUT, SHIFTED)
-NO_ROOM = [".glb", ".gltf", ".sog", ".splat", ".spz"]
+NO_ROOM = [".glb", ".gltf", ".sog", ".splat", ".spz", ".usd", ".usda", ".usdc", ".usdz"]
 
 
 @each_kind

@@ -1,9 +1,10 @@
-"""A model whose files in ``foreign`` another program wrote: ``splat-transform`` of PlayCanvas (MIT).
+"""A model whose files in ``foreign`` other programs wrote: ``splat-transform`` of PlayCanvas (MIT), and an OpenUSD.
 
 Of ``write_ply("f.ply", model())``. Version 2.7.1: ``splat-transform --spz-version 3 f.ply model.spz``,
 ``--spz-version 4 f.ply model_4.spz``, ``f.ply model.glb``. Version 3.7.0:
 ``-g cpu f.ply model.sog``, ``f.ply model.compressed.ply``, and ``f.ply model_mip.compressed.ply`` with the comment
-``SplatRenderMode: mip`` in the header of ``f.ply``.
+``SplatRenderMode: mip`` in the header of ``f.ply``. NVIDIA's ``usd-convert-gsplat`` 0.1.15 (Apache-2.0) wrote
+``model.usda``: ``usd-convert-gsplat -i f.ply -o model.usda``.
 """
 
 from pathlib import Path

@@ -22,6 +22,7 @@ Examples:
                                                                       two fifths of that, refined for it
   dogsplat export run/point_cloud.ply -o model.compressed.ply         PlayCanvas, SuperSplat; a quarter
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
+  dogsplat export run/point_cloud.ply -o model.usdz                   OpenUSD: Houdini, Omniverse, usdview; lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
   dogsplat export run/point_cloud.ply -o small.compressed.ply --dog keep
@@ -36,7 +37,7 @@ primitive, or its primary (--dog drop), mean colours where a colour varies over 
 primitive nearest to one that a plane cuts off, and mean places where these depend on the view; --dog keep,
 --slopes keep, --cuts keep and --shifts keep are for .ply and .compressed.ply. The model is then refined on
 the photographs of --data, or on renders, 10 to 100 ms a step on a CPU (--refine 0: not at all). The file is
-read back, and the loss of each stage is printed. .glb and .gltf are upright and in metres, as far as the
+read back, and the loss of each stage is printed. glTF and OpenUSD are upright and in metres, as far as the
 model says (--up, --scale); .spz has y up if that of the model is -y. The others have the axes of the model;
 --upright turns and scales the model itself. A page (.html, 0.8 MB and the model) needs a browser and no
 network, and opens with the first photograph of the data.

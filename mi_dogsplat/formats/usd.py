@@ -1,0 +1,85 @@
+"""OpenUSD (.usd, .usda, .usdc, .usdz): a prim ParticleField3DGaussianSplat of OpenUSD 26.03, written as float32.
+
+The axes are x right, y up, z back (RUB), as those of a stage with y up and of its cameras; SH turn with them, and their
+signs are those of 3DGS. What is up, and the metres of a unit, make the matrix of the prim. It lies in an Xform, which
+is what a stage that references the file moves. How the model is drawn is in ``customData``, linear colours in the
+``colorSpace`` of the coefficients, too. The coefficients say by ``elementSize`` and ``interpolation`` that they are
+some for each primitive, as Pixar's converter writes them.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# (the library has no types)
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..scene.drawing import EXTRAS, Drawing
+from ..scene.quaternions import rotation_from_quaternion
+from ..scene.scales import finite_scales
+from ..scene.splats import Array, Splats
+from .packing import RUB, unit_quats
+from .placed import placing
+from .usd_read import COEFFICIENTS, DEGREE, DISPLAY, LINEAR, TYPE
+from .usd_stage import require_package, write_layer
+
+ROOT, PRIM = "/Model", "/Model/Splats"
+REACH = 3  # standard deviations: what is further away is not seen
+
+
+def write(path: Path, splats: Splats, drawing: Drawing = Drawing()) -> None:
+    """Write a model of plain Gaussians that is in RUB axes. Raises ``DataError``."""
+    require_package(path)
+    from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+
+    layer = Sdf.Layer.CreateAnonymous(".usdc")
+    layer.customLayerData = {"creator": "mi_dogsplat"}
+    stage = Usd.Stage.Open(layer)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
+    Usd.ModelAPI(root).SetKind("component")
+    stage.SetDefaultPrim(root)
+    prim = stage.DefinePrim(PRIM, TYPE)
+
+    def author(name: str, kind: Sdf.ValueTypeName, value: object, varying: bool = True) -> Usd.Attribute:
+        variability = Sdf.VariabilityVarying if varying else Sdf.VariabilityUniform
+        attribute = prim.CreateAttribute(name, kind, custom=False, variability=variability)
+        attribute.Set(value)
+        return attribute
+
+    def vectors(values: Array) -> Vt.Vec3fArray:
+        return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(values.reshape(-1, 3), np.float32))
+
+    kinds = Sdf.ValueTypeNames
+    author("positions", kinds.Point3fArray, vectors(splats.means))
+    author("orientations", kinds.QuatfArray, Vt.QuatfArray.FromNumpy(unit_quats(splats).astype(np.float32)))
+    author("scales", kinds.Float3Array, vectors(finite_scales(splats.log_scales)))
+    author("opacities", kinds.FloatArray, Vt.FloatArray.FromNumpy(splats.opacities))
+    author(DEGREE, kinds.Int, splats.sh_degree, varying=False)
+    coefficients = author(COEFFICIENTS, kinds.Float3Array, vectors(splats.sh_coeffs))
+    coefficients.SetColorSpace(LINEAR if drawing.linear else DISPLAY)
+    of_each = UsdGeom.Primvar(coefficients)
+    of_each.SetElementSize(splats.sh_coeffs.shape[1])
+    of_each.SetInterpolation(UsdGeom.Tokens.vertex)
+    author("extent", kinds.Float3Array, vectors(extent(splats)))
+    author("sortingModeHint", kinds.Token, "zDepth", varying=False)
+    author("projectionModeHint", kinds.Token, "perspective", varying=False)
+    if not np.array_equal(placed := placing(drawing, RUB), np.eye(4)):
+        UsdGeom.Xformable(prim).AddTransformOp().Set(Gf.Matrix4d(placed.T))
+    if said := drawing.said():
+        prim.SetCustomData({EXTRAS: said})
+    write_layer(path, layer)
+
+
+def extent(splats: Splats) -> Array:
+    """The least and the greatest corner [2, 3] of a box around all primitives; empty, as OpenUSD has it, of none."""
+    if not splats.n_splats:
+        return np.zeros((0, 3), np.float32)
+    axes = rotation_from_quaternion(unit_quats(splats)) * finite_scales(splats.log_scales)[:, None, :]  # [N, 3, 3]
+    reach = REACH * np.sqrt((axes**2).sum(axis=2))  # [N, 3]
+    largest = np.finfo(np.float32).max
+    corners = [(splats.means - reach).min(axis=0), (splats.means + reach).max(axis=0)]
+    return np.clip(corners, -largest, largest).astype(np.float32)

@@ -1,0 +1,172 @@
+"""Reading OpenUSD with Gaussians: all prims ParticleField3DGaussianSplat that a stage shows, where it has them.
+
+References, payloads, layers and instances are those that the library resolves. Of what moves or changes the first
+moment is taken. Where a prim has an attribute in float and in half, float holds; one that is too short is as if it were
+not there, as the schema says.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# (the library has no types)
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..scene.drawing import Drawing, drawing_of_extras
+from ..scene.scales import SMALLEST_SCALE
+from ..scene.splats import Array, Splats
+from ..support.errors import DAMAGED, DataError
+from ..support.wording import counted, printable
+from .limits import in_proportion
+from .model import Model
+from .packing import RUB, logits
+from .placed import in_one_place, require_alike
+from .usd_stage import layers_of, metres_of, opened, upright, world_of
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+TYPE = "ParticleField3DGaussianSplat"
+DEGREE, COEFFICIENTS = "radiance:sphericalHarmonicsDegree", "radiance:sphericalHarmonicsCoefficients"
+USUAL_DEGREE = 3  # the schema's, where a prim says nothing
+MOST_DEGREE = 3  # that there is room for here
+LINEAR, DISPLAY = "lin_rec709_scene", "srgb_rec709_scene"  # OpenUSD's names of colour spaces
+HIDDEN = ("guide", "proxy")  # purposes of what no picture shows
+GREY = [0.0, 0.0, 0.0]  # coefficients of a colour of one half
+FIRST = -sys.float_info.max  # the time code that the library calls the earliest
+NAMED = 200  # characters of a line about what is not there
+
+
+def read(path: Path) -> Model:
+    """The Gaussians of a file, in RUB axes. Raises ``DataError``."""
+    with opened(path) as stage:
+        try:
+            prims, lines = _shown(stage)
+            if not prims:
+                why = f" ({'; '.join(lines)})" if lines else ""
+                raise DataError(path, f"holds no prim {TYPE} that is shown{why}", "export it as Gaussians")
+            size = sum(layer.stat().st_size for layer in layers_of(stage) if layer.is_file())
+            found = list(in_proportion(_models(stage, prims), size))
+            require_alike(path, found)
+            model = in_one_place(found, RUB)
+            if metres := metres_of(stage):
+                model = replace(model, drawing=replace(model.drawing, scale=(model.drawing.scale or 1.0) * metres))
+        except DataError:
+            raise
+        except (ValueError, TypeError, LookupError, OverflowError) as error:
+            problem = f"is no OpenUSD of Gaussians ({type(error).__name__}: {error})"
+            raise DataError(path, problem, DAMAGED) from error
+    return replace(model, left_out=(*model.left_out, *lines))
+
+
+def files_beside(path: Path) -> list[Path]:
+    """The files, other than itself, that a file is made of: layers that it names. Raises ``DataError``."""
+    with opened(path) as stage:
+        return [layer for layer in layers_of(stage) if layer != path.resolve()]
+
+
+def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:
+    """The prims of Gaussians that a picture shows, and a line for each thing that is left out."""
+    from pxr import Usd, UsdGeom
+
+    shown, hidden, instancers = [], 0, 0
+    prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)))
+    for prim in prims:
+        if prim.IsA(UsdGeom.PointInstancer):  # its prototypes are below it, and are not shown by themselves
+            instancers += any(below.GetTypeName() == TYPE for below in Usd.PrimRange(prim))
+            prims.PruneChildren()
+        elif prim.GetTypeName() == TYPE:
+            seen = UsdGeom.Imageable(prim)
+            if seen.ComputeVisibility(FIRST) == UsdGeom.Tokens.invisible or seen.ComputePurpose() in HIDDEN:
+                hidden += 1
+            else:
+                shown.append(prim)
+    lines = [f"{counted(hidden, 'prim')} not shown"] * bool(hidden)
+    lines += [f"Gaussians of {counted(instancers, 'point instancer')}"] * bool(instancers)
+    if broken := stage.GetCompositionErrors():
+        lines.append(f"what cannot be found or read: {printable(' '.join(str(broken[0]).split()))[:NAMED]}")
+    if any(_changes(prim) for prim in shown):
+        lines.append("what changes with time: the first moment is taken")
+    return shown, lines
+
+
+def _changes(prim: Usd.Prim) -> bool:
+    """Whether the Gaussians of a prim, or their place, are others at another time."""
+    from pxr import UsdGeom
+
+    if any(attribute.ValueMightBeTimeVarying() for attribute in prim.GetAuthoredAttributes()):
+        return True
+    place: Any = prim
+    while place and not place.IsPseudoRoot():
+        if UsdGeom.Xformable(place) and UsdGeom.Xformable(place).TransformMightBeTimeVarying():
+            return True
+        place = place.GetParent()
+    return False
+
+
+def _models(stage: Usd.Stage, prims: list[Usd.Prim]) -> Iterator[tuple[Model, Array]]:
+    """The model of each prim, and the matrix [4, 4] to x right, y up, z back."""
+    from pxr import UsdGeom
+
+    cache, axes = UsdGeom.XformCache(FIRST), upright(stage)
+    for prim in prims:
+        yield _of_prim(prim), axes @ world_of(prim, cache)
+
+
+def _of_prim(prim: Usd.Prim) -> Model:
+    means = _column(prim, "positions", 3)
+    means, left_out = np.zeros((0, 3), np.float32) if means is None else means, []
+
+    def of_each(name: str, width: int, usual: list[float], size: int = 1) -> Array:
+        """Rows [N, size, width] of an attribute; as the schema has it, what is too long is cut off, what is too short
+        left out."""
+        values, n = _column(prim, name, width), len(means)
+        if values is not None and len(values) >= n * size:
+            return values[: n * size].reshape(n, size, width)
+        if values is not None:
+            left_out.append(f"its {name}, which are too few")
+        return np.tile(np.array(usual, np.float32), (n, 1, 1))
+
+    degree = prim.GetAttribute(DEGREE)
+    degree = int(degree.Get()) if degree and degree.HasAuthoredValue() else USUAL_DEGREE
+    if degree < 0:
+        raise ValueError(f"its spherical harmonics have degree {degree}")
+    coefficients = of_each(COEFFICIENTS, 3, GREY, (degree + 1) ** 2)
+    if degree > MOST_DEGREE:
+        left_out.append(f"its spherical harmonics above degree {MOST_DEGREE}")
+    scales = np.abs(of_each("scales", 3, [1.0, 1.0, 1.0]).astype(np.float64))  # Gaussians have no sides
+    splats = Splats(
+        means=means,
+        log_scales=np.log(np.maximum(scales, SMALLEST_SCALE))[:, 0],
+        quats=of_each("orientations", 4, [0.0, 0.0, 0.0, 1.0])[:, 0],
+        logit_opacities=logits(of_each("opacities", 1, [1.0])[:, 0, 0]),
+        sh_coeffs=coefficients[:, : (MOST_DEGREE + 1) ** 2],
+    )
+    return Model(splats, _drawing(prim), tuple(left_out))
+
+
+def _column(prim: Usd.Prim, name: str, width: int) -> Array | None:
+    """The rows [N, width] of an attribute of floats, else of halves; None where it says nothing.
+
+    Quaternions are x, y, z, w, as NumPy gets them.
+    """
+    for each in (name, f"{name}h"):
+        attribute = prim.GetAttribute(each)
+        value = attribute.Get(FIRST) if attribute and attribute.HasAuthoredValue() else None
+        if value is not None:
+            return np.array(value, np.float32).reshape(len(value), width)
+    return None
+
+
+def _drawing(prim: Usd.Prim) -> Drawing:
+    """What is said on the drawing: by the colour space, and before it by our ``customData``."""
+    coefficients = prim.GetAttribute(COEFFICIENTS)
+    space = coefficients.GetColorSpace() if coefficients else ""
+    linear = {LINEAR: True, DISPLAY: False}.get(str(space))
+    return drawing_of_extras(dict(prim.GetCustomData())).over(Drawing(linear=linear))
