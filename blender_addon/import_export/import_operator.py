@@ -51,7 +51,7 @@ def ways_to_show() -> tuple[tuple[str, str, str], ...]:
 
 
 class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
-    """Import 3D Gaussian and Difference-of-Gaussians models (PLY and SPZ; with the package glTF, OpenUSD and others too)"""
+    """Import 3D Gaussian and Difference-of-Gaussians models (PLY and SPZ; with the package glTF, USD and others too)"""
 
     bl_idname = "import_scene.dogsplat"
     bl_label = "Import DoG Splat"

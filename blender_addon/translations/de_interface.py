@@ -63,9 +63,9 @@ REST = {
     "Y": "Y",
     "-Y": "-Y",
     # Import
-    "Import 3D Gaussian and Difference-of-Gaussians models (PLY and SPZ; with the package glTF, OpenUSD and others too)": (
+    "Import 3D Gaussian and Difference-of-Gaussians models (PLY and SPZ; with the package glTF, USD and others too)": (
         "Modelle aus 3D-Gauß-Splats und Differenzen von Gauß-Funktionen importieren (PLY und SPZ; mit dem Paket auch "
-        "glTF, OpenUSD und andere)"
+        "glTF, USD und andere)"
     ),
     "Up Axis": "Oben-Achse",
     "Which axis of the file is up": "Welche Achse der Datei nach oben zeigt",
