@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ..support.settings import Setting, check_settings, is_said, refuse
+from .usd_path import is_usd_path
 
 PATHS = ("auto", "orbit", "cameras")
 ONLY_FOR = {"elevation": "orbit", "zoom": "orbit", "smoothing": "cameras"}  # flags of one path
-PATH = "orbit, cameras (of the data or scene, smoothed), a JSON file of key frames, or auto: what suits the data"
+PATH = "orbit, cameras (of the data or scene, smoothed), a JSON file of key frames, a .usd with a camera, or auto"
 SECONDS = "length of the film (default: 10, or what the key frames say)"
 SIZE = "width and height in pixels (default: 1280 720, or as the cameras have it)"
 FOV = "field of view of the shorter side, in degrees (default: 40, or that of the cameras)"
@@ -24,7 +25,7 @@ class FilmConfig:
     Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed.
     """
 
-    path: Annotated[str, Setting(PATH, "NAME_or_JSON")] = "auto"
+    path: Annotated[str, Setting(PATH, "NAME_or_FILE")] = "auto"
     seconds: Annotated[float | None, Setting(SECONDS, "S", least=1e-3, most=86_400)] = None
     fps: Annotated[int, Setting("frames in a second", least=1, most=240)] = 30
     size: Annotated[tuple[int, int] | None, Setting(SIZE, "W H")] = None
@@ -40,8 +41,8 @@ class FilmConfig:
 
     def __post_init__(self) -> None:
         check_settings(self)
-        if self.path not in PATHS and not self.path.lower().endswith(".json"):
-            refuse("path", f'"{self.path}" is unknown', f"use {', '.join(PATHS)}, or a .json file of key frames")
+        if self.path not in PATHS and not self.path.lower().endswith(".json") and not is_usd_path(self.path):
+            refuse("path", f'"{self.path}" is unknown', f"use {', '.join(PATHS)}, a .json of key frames, or a .usd")
         if self.size and not 1 <= min(self.size) <= max(self.size) <= 16_384:
             refuse("size", f"{self.size[0]} x {self.size[1]} is out of range", "use 1 to 16384 pixels")
         if self.path != "auto":

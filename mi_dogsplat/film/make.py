@@ -12,7 +12,7 @@ from .chosen_path import chosen_path
 from .data_cameras import data_cameras
 from .film_config import FilmConfig
 from .model_frames import ModelFrames
-from .orbit import around_model
+from .orbit import Surroundings, around_model
 from .output import output_of
 from .record import Film, Progress, record
 from .scene_frames import SceneFrames
@@ -48,9 +48,11 @@ def make_film(
     require_primitives(model, subject.model, "film")
     options.require_for(subject.drawn.linear)
     splats, up = subject.model.splats, subject.up
-    path = chosen_path(
-        config, subject.data.cameras, up, lambda: around_model(splats, up, config.fov), subject.missing
-    )
+
+    def around() -> Surroundings:
+        return around_model(splats, up, config.fov)
+
+    path = chosen_path(config, subject.data.cameras, up, around, subject.missing, subject.model)
     return record(output, path, lambda: ModelFrames(subject, output.in_linear_light), config, progress)
 
 

@@ -40,6 +40,7 @@ LINEAR, DISPLAY = "lin_rec709_scene", "srgb_rec709_scene"  # OpenUSD's names of 
 HIDDEN = ("guide", "proxy")  # purposes of what no picture shows
 GREY = [0.0, 0.0, 0.0]  # coefficients of a colour of one half
 FIRST = -sys.float_info.max  # the time code that the library calls the earliest
+NEAR = 0.01  # of the size of a model: the median by which centres of the same one may differ
 NAMED = 200  # characters of a line about what is not there
 
 
@@ -69,6 +70,24 @@ def files_beside(path: Path) -> list[Path]:
     """The files, other than itself, that a file is made of: layers that it names. Raises ``DataError``."""
     with opened(path) as stage:
         return [layer for layer in layers_of(stage) if layer != path.resolve()]
+
+
+def place_of(stage: Usd.Stage, means: Array) -> Array | None:
+    """The matrix [4, 4] from a model with these centres [N, 3], in RUB axes, to x right, y up, z back of a stage that
+    shows it; None where it does not, or shows other Gaussians, too.
+
+    It is the model if there are as many primitives, and near: a file may be refined, or rounded.
+    """
+    from pxr import UsdGeom
+
+    prims, _ = _shown(stage)
+    held = _column(prims[0], "positions", 3) if len(prims) == 1 else None
+    if held is None or len(held) != len(means):
+        return None
+    size = np.median(np.abs(means - np.median(means, axis=0)).max(axis=1))
+    if not np.median(np.abs(held - means).max(axis=1)) <= NEAR * size:
+        return None
+    return upright(stage) @ world_of(prims[0], UsdGeom.XformCache(FIRST))
 
 
 def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:

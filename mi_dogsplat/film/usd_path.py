@@ -1,0 +1,157 @@
+"""The camera of an OpenUSD stage, for ``dogsplat film --path shot.usd``: as Houdini, Maya, Blender and others save it.
+
+A camera of OpenUSD looks along its -z, its y is up. Its lens is a focal length over the width and height of an aperture
+in the same unit, from the middle of which the principal point may be off (``GfCamera``). Between samples the library
+interpolates, as all programs that use it.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# (the library has no types)
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..formats.model import Model
+from ..formats.packing import RUB
+from ..formats.placed import placing
+from ..formats.usd_read import place_of
+from ..formats.usd_stage import NAMES, metres_of, opened, upright
+from ..scene.cameras import affine
+from ..support.errors import DataError
+from .camera_path import DEFAULT_SIZE, CameraPath, Lens, focal_of_fov
+
+if TYPE_CHECKING:
+    from pxr import Gf, Usd
+
+GIVEN = re.compile(rf"(.+(?:{'|'.join(re.escape(name) for name in NAMES)}))(?::(/.*))?", re.IGNORECASE)
+RDF = np.diag([*RUB[0], 1.0])  # the half turn between x right, y up, z back and x right, y down, z forward
+SMALLEST = 1e-9  # of what a camera's matrix may make of a length
+LARGEST_SIDE = 16_384  # pixels
+MOST_NAMES = 5  # of cameras in a line
+
+
+def is_usd_path(text: str) -> bool:
+    """Whether ``--path`` names a stage, or a camera in it: ``shot.usd``, ``shot.usd:/Set/Camera``."""
+    return GIVEN.fullmatch(text) is not None
+
+
+def usd_path(text: str, model: Model | None, fov: float | None) -> CameraPath:
+    """The way of a camera of a stage, for as long as that takes.
+
+    Args:
+        text: the file; after a colon the path of its camera, where it has several.
+        model: what is filmed. Where the stage shows it, and no other Gaussians, the camera is where it is beside it;
+            else the stage is a place in which the model stands upright and in metres, as it says. None: a scene, which
+            has the coordinates of the stage.
+        fov: of the shorter side, in place of what the camera says, in degrees.
+
+    Raises ``DataError``.
+    """
+    found = GIVEN.fullmatch(text)
+    assert found
+    path, name = Path(found[1]), found[2]
+    try:
+        path.stat()
+    except OSError as error:
+        raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+    with opened(path) as stage:
+        return _path(path, stage, _camera(path, stage, name), model, fov)
+
+
+def _path(path: Path, stage: Usd.Stage, prim: Usd.Prim, model: Model | None, fov: float | None) -> CameraPath:
+    from pxr import Gf, UsdGeom
+
+    to_model, name = _to_model(stage, model), prim.GetPath()
+    start, end = _time(stage, prim)
+
+    def seen(time: float) -> Gf.Camera:
+        lens = UsdGeom.Camera(stage.GetPrimAtPath(name)).GetCamera(time)  # a prim alone does not keep its stage
+        if lens.projection != Gf.Camera.Perspective:
+            raise DataError(path, f"the camera {name} is orthographic", "name one with a perspective")
+        sides = (lens.horizontalAperture, lens.verticalAperture, lens.focalLength)
+        if not all(np.isfinite(side) and side > 0 for side in sides):
+            raise DataError(path, f"the camera {name} has no lens", "give it a focal length and an aperture")
+        return lens
+
+    def at(share: float) -> Lens:
+        lens = seen(start + share * (end - start))
+        side = min(lens.horizontalAperture, lens.verticalAperture)
+        offset = (-lens.horizontalApertureOffset / side, lens.verticalApertureOffset / side)
+        c2w = to_model @ np.array(lens.transform).T @ RDF
+        focal = lens.focalLength / side if fov is None else focal_of_fov(fov)
+        return Lens(affine(_rotation(path, name, c2w[:3, :3]), c2w[:3, 3]), focal, offset)
+
+    for share in (0.0, 1.0):
+        at(share)  # what is wrong with it is said before a film begins
+    seconds = (end - start) / stage.GetTimeCodesPerSecond() or None
+    what = f"camera {name} of {path.name}"
+    return CameraPath(at, False, what, seconds, _size(stage, seen(start)))
+
+
+def _camera(path: Path, stage: Usd.Stage, name: str | None) -> Usd.Prim:
+    """The camera of this name, or the one that there is."""
+    from pxr import Usd, UsdGeom
+
+    prims = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
+    cameras = {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Camera)}
+    if not cameras:
+        raise DataError(path, "has no camera", "export the camera of the scene with it")
+    known = ", ".join([*cameras][:MOST_NAMES]) + (", ..." if len(cameras) > MOST_NAMES else "")
+    if name is not None and name not in cameras:
+        raise DataError(path, f"has no camera {name}", f"name one of its own: {known}")
+    if name is None and len(cameras) > 1:
+        raise DataError(path, f"has several cameras: {known}", f"name one: --path {path}:{next(iter(cameras))}")
+    return cameras[name or next(iter(cameras))]
+
+
+def _time(stage: Usd.Stage, prim: Usd.Prim) -> tuple[float, float]:
+    """The first and the last time code: those of the stage, else those between which the camera changes."""
+    from pxr import UsdGeom
+
+    if stage.HasAuthoredTimeCodeRange():
+        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    else:
+        times = {time for attribute in prim.GetAuthoredAttributes() for time in attribute.GetTimeSamples()}
+        place = prim
+        while place and not place.IsPseudoRoot():
+            times |= set(UsdGeom.Xformable(place).GetTimeSamples() if UsdGeom.Xformable(place) else ())
+            place = place.GetParent()
+        first, last = (min(times), max(times)) if times else (0.0, 0.0)
+    return first, max(first, last)
+
+
+def _size(stage: Usd.Stage, lens: Gf.Camera) -> tuple[int, int]:
+    """Width and height of pictures: those of the render settings, else those of the aperture, the longer side as of
+    any other film."""
+    settings = stage.GetPrimAtPath(stage.GetMetadata("renderSettingsPrimPath") or "/_")
+    resolution = settings.GetAttribute("resolution").Get() if settings else None
+    if resolution is not None and 0 < min(resolution) and max(resolution) <= LARGEST_SIDE:
+        return int(resolution[0]), int(resolution[1])
+    sides = np.array([lens.horizontalAperture, lens.verticalAperture])
+    width, height = np.maximum(1, np.round(sides / sides.max() * max(DEFAULT_SIZE))).astype(int)
+    return int(width), int(height)
+
+
+def _to_model(stage: Usd.Stage, model: Model | None) -> np.ndarray:
+    """The matrix [4, 4] from the coordinates of a stage to the numbers of a model."""
+    if model is None:
+        return np.eye(4)
+    place = place_of(stage, model.splats.means * np.array(RUB[0], np.float32))
+    if place is None:
+        metres = np.diag([*[metres_of(stage) or 1.0] * 3, 1.0])
+        return RDF @ np.linalg.inv(placing(model.drawing, RUB)) @ metres @ upright(stage)
+    return RDF @ np.linalg.inv(place) @ upright(stage)
+
+
+def _rotation(path: Path, name: object, matrix: np.ndarray) -> np.ndarray:
+    """The rotation [3, 3] that is nearest to a matrix; a mirrored camera goes without its mirror."""
+    left, lengths, right = np.linalg.svd(matrix) if np.isfinite(matrix).all() else (matrix, np.zeros(3), matrix)
+    if lengths.min() < SMALLEST:
+        raise DataError(path, f"the camera {name} is flat", "give it, and what it hangs on, another scale")
+    rotation = left @ right
+    return rotation @ np.diag([np.sign(np.linalg.det(rotation)), 1.0, 1.0])
