@@ -31,12 +31,17 @@ _AXES = {"Z": Vector((0, 0, 1)), "-Z": Vector((0, 0, -1)), "Y": Vector((0, 1, 0)
 
 
 def conversion(up: str | tuple[float, float, float], scale: float) -> Matrix:
-    """The matrix from coordinates of a file to Blender's; ``up`` is one of ``UP_AXES``, or a direction."""
+    """The matrix from coordinates of a file to Blender's; ``up`` is one of ``UP_AXES``, or a direction.
+
+    A direction is turned to -y first, the shortest way, as the package turns it for glTF and OpenUSD: so a model lies
+    where Blender's own import puts such a file of it, whichever way it leans.
+    """
     if not isinstance(up, str):
         nearest = Vector(up).normalized()
         named = next((name for name, vector in _AXES.items() if (vector - nearest).length < 1e-6), None)
         if named is None:
-            return Matrix.Scale(scale, 4) @ nearest.rotation_difference(Vector((0, 0, 1))).to_matrix().to_4x4()
+            level = Matrix(_TO_Z_UP["-Y"]) @ nearest.rotation_difference(_AXES["-Y"]).to_matrix()
+            return Matrix.Scale(scale, 4) @ level.to_4x4()
         up = named
     return Matrix.Scale(scale, 4) @ Matrix(_TO_Z_UP[up]).to_4x4()
 

@@ -124,6 +124,15 @@ def test_what_is_up_in_the_file_is_up_in_blender(name):
     assert np.linalg.det(matrix) == pytest.approx(8, abs=1e-4)
 
 
+@pytest.mark.parametrize("name", ["x", "-z", "0.2,-0.9,0.4", "3,4,12"])
+def test_a_model_lies_where_blender_puts_a_gltf_or_openusd_of_it(name):
+    """Those are turned from up to -y the shortest way, about what lies across both; y up becomes Blender's z then."""
+    up = direction(name)
+    across = np.cross(up, (0, -1, 0))
+    x, y, z = across
+    assert np.array(conversion(up, 1.0))[:3, :3] @ across == pytest.approx(np.array([x, z, -y]), abs=1e-5)
+
+
 def test_comments_that_make_no_sense_are_passed_over():
     assert said_in(["dogsplat near_clip nan", "dogsplat scale 0", "dogsplat up 1,2", "dogsplat", "hello"]) == Said()
     assert said_in(["Vertical axis: y", "SplatRenderMode: mip"]) == Said(antialiased=True, up=(0, -1, 0))
