@@ -23,55 +23,36 @@ from ..scene.splats import Array, Splats
 from .packing import RUB, unit_quats
 from .placed import placing
 from .usd_read import COEFFICIENTS, DEGREE, DISPLAY, LINEAR, TYPE
-from .usd_stage import require_package, write_layer
+from .usd_stage import ROOT, author, new_stage, place, require_package, write_stage
 
-ROOT, PRIM = "/Model", "/Model/Splats"
+PRIM = f"{ROOT}/Splats"
 REACH = 3  # standard deviations: what is further away is not seen
 
 
 def write(path: Path, splats: Splats, drawing: Drawing = Drawing()) -> None:
     """Write a model of plain Gaussians that is in RUB axes. Raises ``DataError``."""
     require_package(path)
-    from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+    from pxr import UsdGeom
 
-    layer = Sdf.Layer.CreateAnonymous(".usdc")
-    layer.customLayerData = {"creator": "mi_dogsplat"}
-    stage = Usd.Stage.Open(layer)
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
-    Usd.ModelAPI(root).SetKind("component")
-    stage.SetDefaultPrim(root)
+    stage = new_stage()
     prim = stage.DefinePrim(PRIM, TYPE)
-
-    def author(name: str, kind: Sdf.ValueTypeName, value: object, varying: bool = True) -> Usd.Attribute:
-        variability = Sdf.VariabilityVarying if varying else Sdf.VariabilityUniform
-        attribute = prim.CreateAttribute(name, kind, custom=False, variability=variability)
-        attribute.Set(value)
-        return attribute
-
-    def vectors(values: Array) -> Vt.Vec3fArray:
-        return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(values.reshape(-1, 3), np.float32))
-
-    kinds = Sdf.ValueTypeNames
-    author("positions", kinds.Point3fArray, vectors(splats.means))
-    author("orientations", kinds.QuatfArray, Vt.QuatfArray.FromNumpy(unit_quats(splats).astype(np.float32)))
-    author("scales", kinds.Float3Array, vectors(finite_scales(splats.log_scales)))
-    author("opacities", kinds.FloatArray, Vt.FloatArray.FromNumpy(splats.opacities))
-    author(DEGREE, kinds.Int, splats.sh_degree, varying=False)
-    coefficients = author(COEFFICIENTS, kinds.Float3Array, vectors(splats.sh_coeffs))
+    author(prim, "positions", "point3f[]", splats.means)
+    author(prim, "orientations", "quatf[]", unit_quats(splats))
+    author(prim, "scales", "float3[]", finite_scales(splats.log_scales))
+    author(prim, "opacities", "float[]", splats.opacities)
+    author(prim, DEGREE, "int", splats.sh_degree, varying=False)
+    coefficients = author(prim, COEFFICIENTS, "float3[]", splats.sh_coeffs.reshape(-1, 3))
     coefficients.SetColorSpace(LINEAR if drawing.linear else DISPLAY)
     of_each = UsdGeom.Primvar(coefficients)
     of_each.SetElementSize(splats.sh_coeffs.shape[1])
     of_each.SetInterpolation(UsdGeom.Tokens.vertex)
-    author("extent", kinds.Float3Array, vectors(extent(splats)))
-    author("sortingModeHint", kinds.Token, "zDepth", varying=False)
-    author("projectionModeHint", kinds.Token, "perspective", varying=False)
-    if not np.array_equal(placed := placing(drawing, RUB), np.eye(4)):
-        UsdGeom.Xformable(prim).AddTransformOp().Set(Gf.Matrix4d(placed.T))
+    author(prim, "extent", "float3[]", extent(splats))
+    author(prim, "sortingModeHint", "token", "zDepth", varying=False)
+    author(prim, "projectionModeHint", "token", "perspective", varying=False)
+    place(prim, placing(drawing, RUB))
     if said := drawing.said():
         prim.SetCustomData({EXTRAS: said})
-    write_layer(path, layer)
+    write_stage(path, stage)
 
 
 def extent(splats: Splats) -> Array:

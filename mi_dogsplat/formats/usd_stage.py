@@ -28,10 +28,11 @@ from ..support.files import replacing
 from .usd_crate import require_sound
 
 if TYPE_CHECKING:
-    from pxr import Sdf, Usd, UsdGeom
+    from pxr import Usd, UsdGeom
 
 TEXT, BINARY, PACKAGE = ".usda", ".usdc", ".usdz"
 NAMES = (".usd", TEXT, BINARY, PACKAGE)
+ROOT = "/Model"
 MAGICS = (b"PXR-USDC", b"#usda ")
 ZIP, LENGTHS_AT, NAME_AT = b"PK\x03\x04", 26, 30  # of a file in a package: bytes from its header on
 TURNS = {  # what is right, up and back in a stage, from its own axes, by what is up in it
@@ -152,8 +153,45 @@ def world_of(prim: Usd.Prim, cache: UsdGeom.XformCache) -> Array:
     return np.array(cache.GetLocalToWorldTransform(prim)).T
 
 
-def write_layer(path: Path, layer: Sdf.Layer) -> None:
-    """Write a layer as the name of a file says: text, binary, or a package with that inside; whole or not at all.
+def new_stage() -> Usd.Stage:
+    """A stage in memory with y up, in metres, and an Xform ``ROOT``, which is what a stage that references it moves."""
+    from pxr import Sdf, Usd, UsdGeom
+
+    layer = Sdf.Layer.CreateAnonymous(BINARY)
+    layer.customLayerData = {"creator": "mi_dogsplat"}
+    stage = Usd.Stage.Open(layer)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
+    Usd.ModelAPI(root).SetKind("component")
+    stage.SetDefaultPrim(root)
+    return stage
+
+
+def author(prim: Usd.Prim, name: str, kind: str, value: Array | int | str, varying: bool = True) -> Usd.Attribute:
+    """Set an attribute of a prim, of a kind as text files name it; rows [N, 3] and numbers [N] become arrays."""
+    from pxr import Sdf, Vt
+
+    if isinstance(value, np.ndarray):
+        arrays = {"int[]": (Vt.IntArray, np.int32), "float[]": (Vt.FloatArray, np.float32)}
+        array, type_of = arrays.get(kind, (Vt.QuatfArray if kind == "quatf[]" else Vt.Vec3fArray, np.float32))
+        value = array.FromNumpy(np.ascontiguousarray(value, type_of))
+    variability = Sdf.VariabilityVarying if varying else Sdf.VariabilityUniform
+    attribute = prim.CreateAttribute(name, Sdf.ValueTypeNames.Find(kind), custom=False, variability=variability)
+    attribute.Set(value)
+    return attribute
+
+
+def place(prim: Usd.Prim, matrix: Array) -> None:
+    """Give a prim its matrix [4, 4], for columns; none where that does nothing."""
+    from pxr import Gf, UsdGeom
+
+    if not np.array_equal(matrix, np.eye(4)):
+        UsdGeom.Xformable(prim).AddTransformOp().Set(Gf.Matrix4d(matrix.T))
+
+
+def write_stage(path: Path, stage: Usd.Stage) -> None:
+    """Write a stage as the name of a file says: text, binary, or a package with that inside; whole or not at all.
 
     Raises ``DataError``.
     """
@@ -164,7 +202,7 @@ def write_layer(path: Path, layer: Sdf.Layer) -> None:
         path.parent.stat()  # a folder that is missing is a typing error: none is made
         with replacing(path) as part, TemporaryDirectory(dir=part.parent, prefix=".usd.") as folder:
             made = Path(folder) / f"model{BINARY if suffix == PACKAGE else suffix}"
-            layer.Export(str(made))
+            stage.GetRootLayer().Export(str(made))
             if suffix == PACKAGE:
                 os.utime(made, (time.mktime(SAVED), time.mktime(SAVED)))
                 package = Sdf.ZipFileWriter.CreateNew(str(made.with_suffix(PACKAGE)))

@@ -37,11 +37,12 @@ def make_mesh(
     options: PictureOptions = PictureOptions(),
     show: Callable[[int, int], None] | None = None,
 ) -> Meshed:
-    """Write the surface of a model as triangles with colours, in the coordinates of the model.
+    """Write the surface of a model as triangles with colours, in the coordinates of the model; an OpenUSD upright and
+    in metres, as far as the model says.
 
     Args:
         model: the model, of any format.
-        out: the .ply or .obj to write.
+        out: the .ply, .obj or OpenUSD to write.
         config: how.
         data: a data set whose training views are fused; without one cameras are placed around and inside.
         options: how pictures are drawn; what they do not say, the model's file does.
@@ -67,5 +68,5 @@ def make_mesh(
     if not len(mesh.faces):
         problem = "no surface is seen that hides half of what is behind it"
         raise DataError(model, problem, "use a smaller --voxel or --near-clip, a larger --reach, or other views")
-    write(out, mesh)
+    write(out, mesh, read.drawing)
     return Meshed(len(mesh.faces), len(cameras), voxel)

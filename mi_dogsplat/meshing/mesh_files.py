@@ -1,4 +1,11 @@
-"""Meshes as files that Blender, Mitsuba and everything else reads: PLY and Wavefront OBJ, with colours of vertices."""
+"""Meshes as files that Blender, Mitsuba and everything else reads: PLY and Wavefront OBJ, with colours of vertices.
+
+In PLY and OBJ they are in the coordinates of the model. OpenUSD has y up and is in metres, as the OpenUSD of the model:
+so both lie on each other in one stage.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# (the library of OpenUSD has no types)
 
 from __future__ import annotations
 
@@ -7,20 +14,33 @@ from pathlib import Path
 
 import numpy as np
 
+from ..formats.packing import RUB
+from ..formats.placed import placing
+from ..formats.usd_stage import NAMES, ROOT, author, new_stage, place, require_package, write_stage
+from ..scene.drawing import Drawing
 from ..scene.ply_tables import RGB
 from ..support.errors import DataError
 from ..support.files import write_bytes
+from ..support.srgb import srgb_to_linear
 from .mesh import Mesh
 
+Writer = Callable[[Path, Mesh, Drawing], None]
+"""writes a mesh of a model of which that is said"""
 
-def writer_of(path: Path) -> Callable[[Path, Mesh], None]:
-    """What writes a mesh to a file of this name. Raises ``DataError`` for a name of another format."""
+
+def writer_of(path: Path) -> Writer:
+    """What writes a mesh to a file of this name.
+
+    Raises ``DataError`` for a name of another format, and where the library of OpenUSD is missing.
+    """
     if (write := WRITERS.get(path.suffix.lower())) is None:
-        raise DataError(path, "no known mesh format", f"name a file that ends in {' or '.join(WRITERS)}")
+        raise DataError(path, "no known mesh format", f"name a file that ends in {', '.join(WRITERS)}")
+    if write is write_usd:
+        require_package(path)
     return write
 
 
-def write_ply(path: Path, mesh: Mesh) -> None:
+def write_ply(path: Path, mesh: Mesh, _: Drawing = Drawing()) -> None:
     """Binary, little endian, with float positions and, if there are any, colours of a byte a channel."""
     columns = [(name, "<f4") for name in "xyz"] + [(name, "u1") for name in RGB if mesh.colors is not None]
     vertex = np.zeros(len(mesh.vertices), columns)
@@ -38,7 +58,7 @@ def write_ply(path: Path, mesh: Mesh) -> None:
     write_bytes(path, "\n".join(header).encode(), vertex.tobytes(), face.tobytes())
 
 
-def write_obj(path: Path, mesh: Mesh) -> None:
+def write_obj(path: Path, mesh: Mesh, _: Drawing = Drawing()) -> None:
     """Text; colours stand behind the positions, as MeshLab and Blender have it."""
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.tolist()]  # all that float32 tells apart
     if mesh.colors is not None:
@@ -47,4 +67,23 @@ def write_obj(path: Path, mesh: Mesh) -> None:
     write_bytes(path, ("\n".join(lines) + "\n").encode())
 
 
-WRITERS: dict[str, Callable[[Path, Mesh], None]] = {".ply": write_ply, ".obj": write_obj}
+def write_usd(path: Path, mesh: Mesh, drawing: Drawing = Drawing()) -> None:
+    """A prim ``Mesh`` with linear colours, as OpenUSD takes them to be; no subdivision."""
+    from pxr import UsdGeom
+
+    stage = new_stage()
+    prim = UsdGeom.Mesh.Define(stage, f"{ROOT}/Surface").GetPrim()
+    points = (mesh.vertices * np.array(RUB[0])).astype(np.float32)  # half a turn: corners keep their order
+    author(prim, "points", "point3f[]", points)
+    author(prim, "faceVertexCounts", "int[]", np.full(len(mesh.faces), 3))
+    author(prim, "faceVertexIndices", "int[]", mesh.faces.ravel())
+    author(prim, "extent", "float3[]", np.stack([points.min(axis=0), points.max(axis=0)]))
+    author(prim, "subdivisionScheme", "token", "none", varying=False)
+    if mesh.colors is not None:
+        colors = author(prim, "primvars:displayColor", "color3f[]", srgb_to_linear(mesh.colors))
+        UsdGeom.Primvar(colors).SetInterpolation(UsdGeom.Tokens.vertex)
+    place(prim, placing(drawing, RUB))
+    write_stage(path, stage)
+
+
+WRITERS: dict[str, Writer] = {".ply": write_ply, ".obj": write_obj, **dict.fromkeys(NAMES, write_usd)}

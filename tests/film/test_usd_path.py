@@ -1,4 +1,4 @@
-"""Cameras of OpenUSD as camera paths: what they see is what the library's own camera sees, wherever the model stands."""
+"""Cameras of OpenUSD as camera paths: they see what the library's own camera sees, wherever the model stands."""
 
 # pyright: reportAttributeAccessIssue=false
 # (the library has no types)
@@ -81,7 +81,7 @@ def test_a_model_stands_in_the_stage_upright_and_in_metres(stage, drawing, axis,
     UsdGeom.SetStageUpAxis(stage, axis)
     UsdGeom.SetStageMetersPerUnit(stage, metres)
     model = Model(MODEL, drawing)
-    x, y, z = upright(model)[0].splats.means.T.astype(np.float64) / metres  # right, down, forward, in units of the stage
+    x, y, z = upright(model)[0].splats.means.T.astype(np.float64) / metres  # right, down, forward, in the stage's units
     world = np.stack([x, -y, -z] if axis == "Y" else [x, z, -y], axis=1)
     world, means = world / 3, MODEL.means / 3  # all in front of it
     np.testing.assert_allclose(by_us(saved(stage, model), 0.5, means), by_the_library(stage, 13, world), atol=0.01)

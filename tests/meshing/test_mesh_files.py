@@ -1,19 +1,29 @@
-"""Files of meshes, read back by Mitsuba and by hand."""
+"""Files of meshes, read back by Mitsuba, by the library of OpenUSD and by hand."""
+
+# pyright: reportAttributeAccessIssue=false
+# (the library of OpenUSD has no types)
 
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat.formats.usd_stage import NAMES
 from mi_dogsplat.meshing.mesh import Mesh
-from mi_dogsplat.meshing.mesh_files import WRITERS, writer_of
+from mi_dogsplat.meshing.mesh_files import writer_of
+from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.srgb import linear_to_srgb
+from pxr import Usd, UsdGeom, UsdValidation
 
 VERTICES = np.array([[0, 0, 0], [1.5, 0, 0], [0, 2.25, 0], [0, 0, -1e-3]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 COLORS = np.array([[1, 0, 0], [0, 0.5, 1], [0.2, 0.4, 0.6], [0, 0, 0]])
 
 
+OF_MITSUBA = (".ply", ".obj")
+
+
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("suffix", OF_MITSUBA)
 @pytest.mark.parametrize("colors", [COLORS, None])
 def test_mitsuba_reads_what_was_written(suffix, colors, tmp_path):
     path = tmp_path / f"mesh{suffix}"
@@ -36,11 +46,11 @@ def test_an_obj_has_colours_behind_its_positions(tmp_path):
 
 
 def test_another_name_is_one_line(tmp_path):
-    with pytest.raises(DataError, match=r"mesh.stl: no known mesh format; name a file that ends in .ply or .obj"):
+    with pytest.raises(DataError, match=r"mesh.stl: no known mesh format; name a file that ends in .ply, .obj, .usd"):
         writer_of(tmp_path / "mesh.stl")
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("suffix", OF_MITSUBA)
 def test_positions_are_as_exact_as_float32_has_them(suffix, tmp_path):
     path = tmp_path / f"mesh{suffix}"
     vertices = np.array([[1e6, 1e6 + 0.0625, -(1e6 + 0.125)], [5e5 + 1 / 32, 0, 0], [0, 0.1, 1 / 3]], np.float32)
@@ -48,3 +58,29 @@ def test_positions_are_as_exact_as_float32_has_them(suffix, tmp_path):
     params = mi.traverse(mi.load_dict({"type": suffix[1:], "filename": str(path)}))
     positions = np.array(params["vertex_positions"]).reshape(-1, 3)[np.array(params["faces"])]
     np.testing.assert_array_equal(positions, vertices)
+
+
+@pytest.mark.parametrize("suffix", NAMES)
+@pytest.mark.parametrize("colors", [COLORS, None])
+def test_openusd_has_it_upright_and_in_metres(suffix, colors, tmp_path):
+    """The model has z up, and a unit of two metres."""
+    path = tmp_path / f"mesh{suffix}"
+    writer_of(path)(path, Mesh(VERTICES, FACES, colors), Drawing(up="z", scale=2.0))
+    stage = Usd.Stage.Open(str(path))
+    assert UsdGeom.GetStageUpAxis(stage) == "Y" and UsdGeom.GetStageMetersPerUnit(stage) == 1
+    (prim,) = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    mesh, rows = UsdGeom.Mesh(prim), np.array(UsdGeom.XformCache().GetLocalToWorldTransform(prim))
+    points = np.concatenate([np.array(mesh.GetPointsAttr().Get()), np.ones((4, 1))], axis=1) @ rows
+    x, y, z = VERTICES.T
+    np.testing.assert_allclose(points[:, :3], 2 * np.stack([x, z, -y], axis=1), atol=1e-6)
+    assert np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3).tolist() == FACES.tolist()
+    assert list(mesh.GetFaceVertexCountsAttr().Get()) == [3] * 4
+    assert mesh.GetSubdivisionSchemeAttr().Get() == "none" and mesh.GetOrientationAttr().Get() == "rightHanded"
+    shown = mesh.GetDisplayColorPrimvar()
+    if colors is None:
+        assert not shown.HasValue()
+    else:
+        np.testing.assert_allclose(linear_to_srgb(np.array(shown.Get())), COLORS, atol=1e-6)
+        assert shown.GetInterpolation() == "vertex"
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert [error.GetMessage() for error in UsdValidation.ValidationContext(validators).Validate(stage)] == []

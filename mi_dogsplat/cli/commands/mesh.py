@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ...formats.usd_stage import NAMES
 from ...meshing.mesh_config import MeshConfig
 from ...render.picture_options import NEAR, PictureOptions
 from ...support.variants import set_variant
@@ -18,6 +19,7 @@ Examples:
   dogsplat mesh model.ply -o surface.ply                      from views around the model, and from within
   dogsplat mesh model.ply -o surface.ply --data photos/       from the views of its training
   dogsplat mesh model.ply -o surface.obj --voxel 0.02 --connected 1
+  dogsplat mesh model.ply -o surface.usdz                     upright and in metres, as far as the model says
                                                               its largest part, finer or coarser
 
 For what splats cannot do themselves: a ball that rolls over them, a shadow that falls on them in another
@@ -31,7 +33,7 @@ OF_FILE = "(default: as the file says; without --data a hundredth of the radius 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".ply or .obj")
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join((".ply", ".obj", *NAMES)))
     add_settings(parser, MeshConfig)
     parser.add_argument("--data", metavar="DATA", help="data set whose training views are fused")
     add_settings(parser, PictureOptions, ["downscale", "antialiased", "near_clip"], {"near_clip": f"{NEAR} {OF_FILE}"})
