@@ -40,7 +40,7 @@ def writer_of(path: Path) -> Writer:
     return write
 
 
-def write_ply(path: Path, mesh: Mesh, _: Drawing = Drawing()) -> None:
+def write_ply(path: Path, mesh: Mesh, _: Drawing) -> None:
     """Binary, little endian, with float positions and, if there are any, colours of a byte a channel."""
     columns = [(name, "<f4") for name in "xyz"] + [(name, "u1") for name in RGB if mesh.colors is not None]
     vertex = np.zeros(len(mesh.vertices), columns)
@@ -58,7 +58,7 @@ def write_ply(path: Path, mesh: Mesh, _: Drawing = Drawing()) -> None:
     write_bytes(path, "\n".join(header).encode(), vertex.tobytes(), face.tobytes())
 
 
-def write_obj(path: Path, mesh: Mesh, _: Drawing = Drawing()) -> None:
+def write_obj(path: Path, mesh: Mesh, _: Drawing) -> None:
     """Text; colours stand behind the positions, as MeshLab and Blender have it."""
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.tolist()]  # all that float32 tells apart
     if mesh.colors is not None:
@@ -67,7 +67,7 @@ def write_obj(path: Path, mesh: Mesh, _: Drawing = Drawing()) -> None:
     write_bytes(path, ("\n".join(lines) + "\n").encode())
 
 
-def write_usd(path: Path, mesh: Mesh, drawing: Drawing = Drawing()) -> None:
+def write_usd(path: Path, mesh: Mesh, drawing: Drawing) -> None:
     """A prim ``Mesh`` with linear colours, as OpenUSD takes them to be; no subdivision."""
     from pxr import UsdGeom
 

@@ -20,7 +20,7 @@ from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.render.picture import picture_of
 from mi_dogsplat.render.vantages import vantage_cameras
 from mi_dogsplat.scene.cameras import Camera
-from mi_dogsplat.scene.drawing import drawn_as
+from mi_dogsplat.scene.drawing import Drawing, drawn_as
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.support.srgb import linear_to_srgb
 
@@ -42,7 +42,7 @@ def main() -> None:
     picture = picture_of(splats, BACKGROUND, drawn)(camera)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "mesh.ply"
-        write_ply(path, mesh)
+        write_ply(path, mesh, Drawing())
         grey, colored = shaded(path, camera), of_vertices(path, camera)
     write_rows("mesh.png", [[
         labelled(picture.color, f"{splats.n_splats:,} primitives"),

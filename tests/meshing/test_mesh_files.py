@@ -27,7 +27,7 @@ OF_MITSUBA = (".ply", ".obj")
 @pytest.mark.parametrize("colors", [COLORS, None])
 def test_mitsuba_reads_what_was_written(suffix, colors, tmp_path):
     path = tmp_path / f"mesh{suffix}"
-    writer_of(path)(path, Mesh(VERTICES, FACES, colors))
+    writer_of(path)(path, Mesh(VERTICES, FACES, colors), Drawing())
     mesh = mi.load_dict({"type": suffix[1:], "filename": str(path)})
     assert isinstance(mesh, mi.Mesh)
     params = mi.traverse(mesh)
@@ -40,7 +40,7 @@ def test_mitsuba_reads_what_was_written(suffix, colors, tmp_path):
 
 def test_an_obj_has_colours_behind_its_positions(tmp_path):
     path = tmp_path / "mesh.OBJ"
-    writer_of(path)(path, Mesh(VERTICES, FACES, COLORS))
+    writer_of(path)(path, Mesh(VERTICES, FACES, COLORS), Drawing())
     lines = path.read_text().splitlines()
     assert lines[1] == "v 1.5 0 0 0 0.5 1" and lines[4] == "f 1 3 2" and len(lines) == 8
 
@@ -54,7 +54,7 @@ def test_another_name_is_one_line(tmp_path):
 def test_positions_are_as_exact_as_float32_has_them(suffix, tmp_path):
     path = tmp_path / f"mesh{suffix}"
     vertices = np.array([[1e6, 1e6 + 0.0625, -(1e6 + 0.125)], [5e5 + 1 / 32, 0, 0], [0, 0.1, 1 / 3]], np.float32)
-    writer_of(path)(path, Mesh(vertices, np.array([[0, 1, 2]])))
+    writer_of(path)(path, Mesh(vertices, np.array([[0, 1, 2]])), Drawing())
     params = mi.traverse(mi.load_dict({"type": suffix[1:], "filename": str(path)}))
     positions = np.array(params["vertex_positions"]).reshape(-1, 3)[np.array(params["faces"])]
     np.testing.assert_array_equal(positions, vertices)
