@@ -179,6 +179,10 @@ def folder(tmp_path, monkeypatch, trained, alpha_data) -> Path:
     (tmp_path / "requests.jsonl").write_text(json.dumps(asked) + "\n")
     keys = [{"time": 3 * i, "position": [3 - i, i, 1], "look_at": [0, 0, 0]} for i in range(3)]
     (tmp_path / "keys.json").write_text(json.dumps({"keys": keys}))
+    moved = "matrix4d xformOp:transform = ((1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,4,1))\n"
+    moved += 'uniform token[] xformOpOrder = ["xformOp:transform"]'
+    for name in ("shot.usda", "shot.usd"):
+        (tmp_path / name).write_text(f'#usda 1.0\ndef "World"\n{{\ndef Camera "Camera2"\n{{\n{moved}\n}}\n}}\n')
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     sensor = '<sensor type="perspective"><transform name="to_world"><lookat origin="0,-4,1" target="0,0,0" up="0,0,1"/>'
     sensor += '</transform><film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="18"/>'

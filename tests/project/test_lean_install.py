@@ -16,7 +16,7 @@ from PIL import Image
 ROOT = Path(__file__).parents[2]
 MODULES = {"pillow": "PIL", "zstandard": "zstandard", "flip-evaluator": "flip_evaluator", "scikit-image": "skimage"}
 MODULES |= {name: name for name in ("scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
-MODULES |= {name: name for name in ("threadpoolctl", "pycolmap", "av")}
+MODULES |= {name: name for name in ("threadpoolctl", "pycolmap", "av")} | {"usd-core": "pxr"}
 HIDDEN = sorted(MODULES.values())
 BEHIND_VIEW = {"view": {"tqdm"}}  # what viser brings along
 
@@ -70,7 +70,7 @@ def requirements(name: str) -> set[str]:
 
 def test_the_core_needs_mitsuba_numpy_and_openexr_only():
     assert requirements("dependencies") == {"mitsuba", "numpy", "OpenEXR"}
-    for extra in ("train", "export", "film", "mesh", "view"):
+    for extra in ("train", "export", "film", "mesh", "usd", "view"):
         assert requirements(extra) <= set(MODULES)  # else they are not hidden here
 
 

@@ -22,7 +22,7 @@ Examples:
                                                                       two fifths of that, refined for it
   dogsplat export run/point_cloud.ply -o model.compressed.ply         PlayCanvas, SuperSplat; a quarter
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
-  dogsplat export run/point_cloud.ply -o model.usdz                   OpenUSD: Houdini, Omniverse, usdview; lossless
+  dogsplat export run/point_cloud.ply -o model.usdz                   OpenUSD: Houdini, Omniverse; lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
   dogsplat export run/point_cloud.ply -o small.compressed.ply --dog keep
