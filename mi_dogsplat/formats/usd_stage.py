@@ -70,8 +70,7 @@ def opened(path: Path) -> Iterator[Usd.Stage]:
         with _named_by_content(path) as named:
             yield Usd.Stage.Open(os.path.abspath(named))
     except Tf.ErrorException as error:
-        said = next((part.commentary for part in error.args if hasattr(part, "commentary")), "no reason is given")
-        raise DataError(path, f"cannot be read as OpenUSD ({said})", DAMAGED) from error
+        raise DataError(path, f"cannot be read as OpenUSD ({_reason(error)})", DAMAGED) from error
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
     finally:
@@ -104,6 +103,14 @@ def _places(path: Path, file: BinaryIO) -> list[tuple[int, int]]:
     except (zipfile.BadZipFile, struct.error, ValueError, NotImplementedError, OSError) as error:
         raise DataError(path, f"is no package of OpenUSD ({error})", DAMAGED) from error
     return found
+
+
+def _reason(error: Exception) -> str:
+    """What the library says of an error first."""
+    try:
+        return next((part.commentary for part in error.args if hasattr(part, "commentary")), "no reason is given")
+    except UnicodeDecodeError:  # it quotes the file
+        return "it has text that is not UTF-8"
 
 
 @contextmanager

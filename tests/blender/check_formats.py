@@ -82,8 +82,9 @@ def test_colours_by_sh_degree_are_filled_up_with_zeros():
     assert len(obj.data.vertices) == 150
 
 
-@pytest.mark.parametrize("name", ["plain.spz", "plain.glb", "plain.sog", "plain.splat", "plain.compressed.ply"])
-def test_every_format_is_imported(name, in_preferences):
+@pytest.mark.parametrize("suffix", [".spz", ".glb", ".usdz", ".sog", ".splat", ".compressed.ply"])
+def test_every_format_is_imported(suffix, in_preferences):
+    name = f"plain{suffix}"
     obj = load(REFERENCES / name)
     assert len(obj.data.vertices) == 150 and obj["dogsplat_source"].endswith(name)
     assert of(obj, "Antialiased") == [name != "plain.splat"]

@@ -350,6 +350,13 @@ def test_files_that_end_early_are_one_line(tmp_path, suffix, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("place", [b"Splats", b"positions", b"upAxis"])
+def test_text_that_is_none_is_one_line(tmp_path, file, place):
+    file.write_bytes(file.read_bytes().replace(place, b"\xff\xfe" + place))
+    with pytest.raises(DataError, match="a.usda: .*the file is damaged"):
+        read_model(file)
+
+
 def crate_of(path) -> tuple[bytearray, dict[str, int]]:
     """The bytes of a binary file, and where its sections begin."""
     data = bytearray(path.read_bytes())

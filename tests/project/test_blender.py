@@ -87,7 +87,7 @@ def references(tmp_path_factory) -> Path:
         every = kind.having(every, every=3)
     for name in ("every.ply", "every.compressed.ply"):
         write_model(folder / name, every)
-    for suffix in (".spz", ".glb", ".sog", ".splat", ".compressed.ply"):
+    for suffix in (".spz", ".glb", ".usdz", ".sog", ".splat", ".compressed.ply"):
         write_model(folder / f"plain{suffix}", Model(dog.plain(), Drawing(antialiased=True)))
     write_model(folder / "says.ply", Model(dog, Drawing(True, 0.05, False, "-y", 2.0)))
     mixed = dog.with_sh_degrees(np.arange(150) % 4)
