@@ -18,6 +18,7 @@ from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from mi_dogsplat.reference.own_axes import index_of, quadratic_forms, values_of
 from mi_dogsplat.scene.splats import Splats
 from own_axes_models import KINDS
+from read_together import read_gradients
 from splat_scenes import (
     SMOOTH_OPTIONS,
     assert_gradients_equal,
@@ -152,8 +153,8 @@ def gradients_of(splats: Splats, choices: RasterOptions, adjoint: np.ndarray = A
         weights = mi.Float(adjoint[..., c].ravel().astype(np.float32))
         loss += dr.sum(weights * (frame.colors[c] + frame.T * BACKGROUND[c]))
     dr.backward(loss)
-    return {name: dr.grad(params[name]).numpy().reshape(getattr(splats, name).shape)
-            for name in raw_names(splats) if name in params}  # fmt: skip
+    got = read_gradients(params, [name for name in raw_names(splats) if name in params])
+    return {name: values.reshape(getattr(splats, name).shape) for name, values in got.items()}
 
 
 @CASES
