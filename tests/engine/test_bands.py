@@ -1,5 +1,6 @@
 """Bands of tile rows: the same bits as without, in less memory."""
 
+from bisect import bisect_left
 from collections.abc import Callable
 from typing import Any
 
@@ -52,8 +53,11 @@ def per_row(splats: Splats, camera: Camera) -> np.ndarray:
 
 def memory_for(count: int, rows: np.ndarray) -> float:
     """Bytes with which a view has that many bands."""
-    most = next(m for m in range(int(rows.sum()) - 1, 0, -1) if len(bands_of(rows, m)) == count)
-    return LISTED * int(rows.sum()) + WALKED * (most + 0.5)
+    total = int(rows.sum())
+    fewer = bisect_left(range(total), -(count - 1), key=lambda most: -len(bands_of(rows, most)))  # with more isects
+    most = fewer - 1
+    assert len(bands_of(rows, most)) == count
+    return LISTED * total + WALKED * (most + 0.5)
 
 
 def assert_same(got: list[np.ndarray], expected: list[np.ndarray]) -> None:
