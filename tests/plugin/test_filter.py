@@ -129,7 +129,7 @@ def test_even_random_numbers_stay_even():
 # Derivatives
 
 SMALL_CAMERA = square_camera(16, 12, f=14.0)
-SMALL = rounded(random_splats(10, seed=4, degree=1))
+SMALL = rounded(random_splats(7, seed=4, degree=1))
 COUNT, SEED = 3, 5
 
 

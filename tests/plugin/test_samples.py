@@ -152,7 +152,7 @@ def test_a_film_with_aovs_writes_a_layer_for_each(tmp_path, spp):
 # Derivatives
 
 SMALL_CAMERA = square_camera(16, 12, f=14.0)
-SMALL = rounded(random_splats(10, seed=4, degree=1))
+SMALL = rounded(random_splats(7, seed=4, degree=1))
 COUNT, SEED = 3, 5
 
 
