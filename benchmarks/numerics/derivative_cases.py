@@ -13,6 +13,7 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat import reference, to_dog
@@ -157,7 +158,8 @@ def _axis(k: int) -> np.ndarray:
 
 
 def _motion(p: np.ndarray, θ: Any) -> Any:
-    return device_motion([float(v) * θ for v in p])
+    """Of numbers that kernels read, as those that held them would be compiled for each direction."""
+    return device_motion([dr.opaque(mi.Float, float(v)) * θ for v in p])
 
 
 def _pose(camera: Camera) -> Any:
@@ -204,7 +206,7 @@ def _of_lens() -> list[Case]:
 
 def _of_parallel_rays() -> list[Case]:
     def move(p, size, at_0, θ):
-        half = HALF_WIDTH + size * θ
+        half = HALF_WIDTH + dr.opaque(mi.Float, float(size)) * θ
         return {"sensor.to_world": _pose(CENTRED) @ _motion(p, θ) @ mi.Transform4f().scale(mi.Point3f(half, half, 1))}
 
     def twin(p, size, splats, θ):

@@ -109,6 +109,7 @@ def answer(case: Case, cutoffs: Cutoffs, weights: np.ndarray | None = None) -> A
     by_plane = np.moveaxis(adjoint(height, width) if weights is None else weights, -1, 0)
     loss: Any = sum(dr.dot(plane, device_array(weight)) for plane, weight in zip(planes, by_plane, strict=True))
     dr.backward(loss)
+    dr.eval([dr.grad(value) for value in trained.values()])  # together: one by one each repeats the projection
     gradients = {name: _host(dr.grad(value)).reshape(getattr(splats, name).shape) for name, value in trained.items()}
     image = np.stack([_host(plane).reshape(height, width) for plane in planes], -1)
     return Answer(image, _host(frame.T).reshape(height, width), gradients)

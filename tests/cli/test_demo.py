@@ -15,7 +15,7 @@ from mi_dogsplat.support.errors import DataError
 @pytest.mark.slow
 def test_the_demo_ends_with_a_compact_model_beside_the_truth(tmp_path: Path, capsys, monkeypatch):
     monkeypatch.setattr(side_by_side, "PICTURE_SPP", 16)
-    arguments = ["-o", str(tmp_path), "--steps", "300", "--target", "1500", "--views", "12", "--size", "96"]
+    arguments = ["-o", str(tmp_path), "--steps", "150", "--target", "1500", "--views", "12", "--size", "96"]
     assert main(arguments) == 0
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics["n"] <= 1500 and metrics["n_dog"] > 0 and metrics["test"]["psnr"] > 20

@@ -61,7 +61,7 @@ def test_a_command_that_is_stopped_says_so_and_leaves_nothing(
 ):
     flags = {
         "export": ["-o", tmp_path / "a.spz"],
-        "simplify": ["-o", tmp_path / "a.ply", "--target", 8, "--steps", 3],
+        "simplify": ["-o", tmp_path / "a.ply", "--target", 8, "--steps", 3, "--views", 4, "--size", 32, 24],
         "clean": ["-o", tmp_path / "a.ply"],
         "mesh": ["-o", tmp_path / "a.ply", "--views", 4, "--size", 32, 24, "--min-faces", 1],
         "check": ["-o", tmp_path, "--only", "work-precision", "--data", data, "--rounds", 1],

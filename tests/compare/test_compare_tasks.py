@@ -57,14 +57,16 @@ def test_a_target_that_a_start_does_not_reach_is_told_once_before_any_run_begins
     settings: dict[str, Any] = {"preset": "3dgs", "steps": 12, "sh_degree": 0}
     out, names, lines = tmp_path / "out", ("3dgs", "opacity", "ours"), []
     above = TrainConfig("", **settings, target=10**6)
-    table = compare(above, [str(data)], out, [0], names, targets=[0.5], progress=lines.append)
+    with without_processes(told=True):
+        table = compare(above, [str(data)], out, [0], names, targets=[0.5], progress=lines.append)
     problem = table["failed"].pop("tiny, seed 0: densified start")
     assert "--target: the target of 1,000,000 primitives is not below the " in problem and not table["failed"]
     assert len(lines) == 2 and not table["methods"]  # there are no render times either
     start = out / "tiny" / "seed_0" / "start.npz"
     before = start.stat().st_mtime_ns
-    assert compare(above, [str(data)], out, [0], names)["failed"] == {"tiny, seed 0: densified start": problem}
-    table = compare(replace(above, target=0.5), [str(data)], out, [0], ("3dgs",))
+    with without_processes(told=True):
+        assert compare(above, [str(data)], out, [0], names)["failed"] == {"tiny, seed 0: densified start": problem}
+        table = compare(replace(above, target=0.5), [str(data)], out, [0], ("3dgs",))
     assert list(table["methods"]) == ["3dgs"] and not table["failed"] and start.stat().st_mtime_ns == before
     with pytest.raises(DataError, match="holds runs with other settings"):
         compare(replace(above, target=0.25), [str(data)], out, [0], ("3dgs",))
@@ -73,7 +75,8 @@ def test_a_target_that_a_start_does_not_reach_is_told_once_before_any_run_begins
 @pytest.mark.slow
 def test_a_baseline_meets_no_target(data, tmp_path):
     settings: dict[str, Any] = {"preset": "3dgs", "steps": 12, "sh_degree": 0, "target": 10**6}
-    table = compare(TrainConfig("", **settings), [str(data)], tmp_path / "out", [0], ("3dgs",))
+    with without_processes():
+        table = compare(TrainConfig("", **settings), [str(data)], tmp_path / "out", [0], ("3dgs",))
     assert list(table["methods"]) == ["3dgs"] and not table["failed"]
 
 

@@ -1,5 +1,6 @@
 """Bands of tile rows: the same bits as without, in less memory."""
 
+from bisect import bisect_left
 from collections.abc import Callable
 from typing import Any
 
@@ -29,6 +30,7 @@ from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
+from read_together import read
 from splat_scenes import attached, make_camera, make_splats, options, random_splats, rounded, tilted_camera
 
 pytestmark = pytest.mark.skipif(
@@ -51,8 +53,11 @@ def per_row(splats: Splats, camera: Camera) -> np.ndarray:
 
 def memory_for(count: int, rows: np.ndarray) -> float:
     """Bytes with which a view has that many bands."""
-    most = next(m for m in range(int(rows.sum()) - 1, 0, -1) if len(bands_of(rows, m)) == count)
-    return LISTED * int(rows.sum()) + WALKED * (most + 0.5)
+    total = int(rows.sum())
+    fewer = bisect_left(range(total), -(count - 1), key=lambda most: -len(bands_of(rows, most)))  # with more isects
+    most = fewer - 1
+    assert len(bands_of(rows, most)) == count
+    return LISTED * total + WALKED * (most + 0.5)
 
 
 def assert_same(got: list[np.ndarray], expected: list[np.ndarray]) -> None:
@@ -76,7 +81,7 @@ def passes(splats: Splats, camera: Camera, probed=False, stop=False, **chosen) -
     dr.enqueue(dr.ADMode.Backward, planes)
     dr.traverse(dr.ADMode.Backward)
     leaves = [value for value in [*params.values(), *(probe or [])] if dr.grad_enabled(value)]
-    return frame.view, [dr.detach(plane).numpy() for plane in planes], [dr.grad(leaf).numpy() for leaf in leaves]
+    return frame.view, read(map(dr.detach, planes)), read(map(dr.grad, leaves))
 
 
 @pytest.mark.parametrize("rows", [[3, 4, 5, 0, 0, 9, 1], [0], [7], [0, 0, 30, 0], [1] * 40])
@@ -162,7 +167,7 @@ def test_tangents_have_the_same_bits(shares):
         frame = rasterize(params, DeviceCamera.upload(camera), options(splats, **chosen))
         dr.enqueue(dr.ADMode.Forward, leaves)
         dr.traverse(dr.ADMode.Forward)
-        return [dr.grad(plane).numpy() for plane in [*frame.colors, frame.T]]
+        return read(dr.grad(plane) for plane in [*frame.colors, frame.T])
 
     expected, rows = tangents(), per_row(splats, camera)
     for count in COUNTS:
@@ -170,34 +175,30 @@ def test_tangents_have_the_same_bits(shares):
             np.testing.assert_array_equal(a, b)
 
 
-def numbers(columns: list) -> list[np.ndarray]:
-    return [column.numpy() for column in columns]
-
-
 def score_of(params: dict, camera: DeviceCamera, chosen) -> tuple[Any, list]:
     sums = Sums(removal=True, gradient=True, probes=2)
     pictured, view = prepare_both(params, camera, chosen, sums.blocks)
     noise = np.random.default_rng(0).normal(size=(6, camera.width * camera.height))
     planes = [detached(device_array(plane)) for plane in noise]
-    return view, numbers(composite_score(view, sums, composite_over(pictured, 0.3), planes))
+    return view, read(composite_score(view, sums, composite_over(pictured, 0.3), planes))
 
 
 def fisher_of(params: dict, camera: DeviceCamera, chosen) -> tuple[Any, list]:
     pictured, view = prepare_both(params, camera, chosen, patch_blocks())
-    return view, numbers(composite_fisher(view, composite_over(pictured, 0.3)))
+    return view, read(composite_fisher(view, composite_over(pictured, 0.3)))
 
 
 def weights_of(params: dict, camera: DeviceCamera, chosen) -> tuple[Any, list]:
     view = prepare(params, camera, chosen)
     plane = np.random.default_rng(0).uniform(size=camera.width * camera.height)
     columns, largest = composite_weights(view, detached(device_array(plane)))
-    return view, numbers([*columns, largest])
+    return view, read([*columns, largest])
 
 
 def aovs_of(params: dict, camera: DeviceCamera, chosen) -> tuple[Any, list]:
     view = prepare(params, camera, chosen)
     depths = detached(project(params, camera, sh_degree=0).depth)
-    return view, numbers(composite_aovs(view, AOVS, depths))
+    return view, read(composite_aovs(view, AOVS, depths))
 
 
 @pytest.mark.parametrize("shares", [SHARES["DoG"], SHARES["all of them"]], ids=["DoG", "all of them"])

@@ -20,7 +20,7 @@ def assert_same_bits(state: dict[str, np.ndarray], expected: dict[str, np.ndarra
 @pytest.mark.usefixtures("ordered", "all_cores")
 @pytest.mark.parametrize("preset", ["ours", "paper", "released"])
 def test_the_same_seed_gives_the_same_bits(preset, data):
-    config = TrainConfig(str(data), preset, steps=60, sh_degree=1, max_primitives=300, target=0.4, log_every=10)
+    config = TrainConfig(str(data), preset, steps=40, sh_degree=1, max_primitives=300, target=0.4, log_every=10)
     runs = []
     for _ in range(2):
         trainer = Trainer(config, load_dataset(data, 1))

@@ -16,6 +16,7 @@ from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from mi_dogsplat.scene.splats import Splats
+from read_together import read_gradients
 from same_numbers import assert_same_numbers
 from shifted_models import places_seen, with_shifts
 from splat_scenes import (
@@ -45,7 +46,7 @@ def gradients(splats: Splats, adjoint: np.ndarray, camera=CAMERA, **others) -> d
     planes = [mi.Float(plane.ravel().astype(np.float32)) for plane in np.moveaxis(adjoint, -1, 0)]
     backward(frame.colors, planes)
     names = [name for name, value in params.items() if dr.grad_enabled(value)]
-    return {name: dr.grad(params[name]).numpy().reshape(getattr(splats, name).shape) for name in names}
+    return {name: values.reshape(getattr(splats, name).shape) for name, values in read_gradients(params, names).items()}
 
 
 @pytest.mark.parametrize("others", [{}, WITH_ALL], ids=["alone", "with all else"])

@@ -37,6 +37,7 @@ from mi_dogsplat.training.optimizer.adam_step import replayed_step
 from mi_dogsplat.training.optimizer.joint_steps import JointArray, Numbers, joint_steps
 from mi_dogsplat.training.optimizer.triangles import n_pairs
 from mi_dogsplat.training.optimizer.triangles import upload as upload_triangles
+from read_together import read
 from splat_scenes import make_camera, options, random_splats, rounded
 
 pytestmark = pytest.mark.usefixtures("small_blocks")
@@ -191,7 +192,7 @@ def cast(n=10, nudged=False, seed=3, sh_degree=1, antialiased=False, **shares) -
 def projection_of(**chosen) -> np.ndarray:
     _, columns, kernels = cast(**chosen)
     spread = [value for k in kernels for value in (k.variance_x, k.variance_y)]
-    return np.concatenate([value.numpy() for value in (*columns, *spread)])
+    return np.concatenate(read([*columns, *spread]))
 
 
 def pulled_back(order="ab", **chosen) -> np.ndarray:
@@ -206,7 +207,7 @@ def pulled_back(order="ab", **chosen) -> np.ndarray:
         dr.set_grad(column, of_size[n])
     dr.enqueue(dr.ADMode.Backward, columns)
     dr.traverse(dr.ADMode.Backward)
-    return np.concatenate([dr.grad(value).numpy() for value in params.values() if dr.is_float_v(value)])
+    return np.concatenate(read(dr.grad(value) for value in params.values() if dr.is_float_v(value)))
 
 
 def adam_moved(sizes=(6, 4), steps=1, unused=(), wanted=(), order="abc", **numbers) -> np.ndarray:

@@ -18,6 +18,7 @@ from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from mi_dogsplat.reference.own_axes import index_of, quadratic_forms, values_of
 from mi_dogsplat.scene.splats import Splats
 from own_axes_models import KINDS
+from read_together import read_gradients
 from splat_scenes import (
     SMOOTH_OPTIONS,
     assert_gradients_equal,
@@ -44,6 +45,15 @@ SHARES = {"slopes": (0.6, 0, 0, 0), "cuts": (0, 0, 0.6, 0), "slopes and cuts": (
 """Of primitives with slopes, with curvatures, with cuts and with second cuts."""
 CUTOFFS = {"cutoffs": ({}, {}), "smooth": (SMOOTH_OPTIONS, {"min_alpha": 0, "min_transmittance": 0})}
 """Of the engine and of the tiled twin."""
+CASES = every_pair(varies=SHARES, dog_share=(0, 0.5), **MODES, kind=CUTOFFS)
+
+
+def among_cases(*names: str, **wanted: Any) -> pytest.MarkDecorator:
+    """Those of ``CASES`` with these values, of which a test takes the parameters ``names``: it shares their kernels."""
+    columns, cases = CASES.args
+    chosen = [dict(zip(columns, case, strict=True)) for case in cases]
+    chosen = [case for case in chosen if all(case[name] in values for name, values in wanted.items())]
+    return pytest.mark.parametrize(names, [[case[name] for name in names] for case in chosen])
 
 
 def model(kind: str, n=10, seed=3, degree=1, dog_share=0.5) -> Splats:
@@ -94,7 +104,7 @@ def terms_of_sums(splats: Splats) -> list[np.ndarray]:
     return [of_slopes @ slopes, of_curvatures @ quadratic_forms(curvatures) @ of_curvatures.swapaxes(1, 2), *cuts]
 
 
-@every_pair(varies=SHARES, dog_share=(0, 0.5), **MODES, kind=CUTOFFS)
+@CASES
 def test_the_picture_is_that_of_the_twin(varies, dog_share, antialiased, negative_transmittance, kind):
     splats = model(varies, 300, seed=5, dog_share=dog_share)
     choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
@@ -143,11 +153,11 @@ def gradients_of(splats: Splats, choices: RasterOptions, adjoint: np.ndarray = A
         weights = mi.Float(adjoint[..., c].ravel().astype(np.float32))
         loss += dr.sum(weights * (frame.colors[c] + frame.T * BACKGROUND[c]))
     dr.backward(loss)
-    return {name: dr.grad(params[name]).numpy().reshape(getattr(splats, name).shape)
-            for name in raw_names(splats) if name in params}  # fmt: skip
+    got = read_gradients(params, [name for name in raw_names(splats) if name in params])
+    return {name: values.reshape(getattr(splats, name).shape) for name, values in got.items()}
 
 
-@every_pair(varies=SHARES, dog_share=(0, 0.5), **MODES, kind=CUTOFFS)
+@CASES
 def test_gradients_of_every_parameter_are_those_of_the_twin(varies, dog_share, antialiased, negative_transmittance,
                                                             kind):  # fmt: skip
     splats = model(varies, 60, seed=5, dog_share=dog_share)
@@ -170,21 +180,25 @@ def test_gradients_of_every_parameter_equal_differences(dog_share):
 
 
 def test_slopes_of_a_colour_at_its_limit_have_gradients_and_the_colour_has_none():
-    splats = model("slopes", 6, degree=0)
-    splats.sh_coeffs[:] = -5
-    got = gradients_of(splats, options(splats, **SMOOTH_OPTIONS))
-    expected = gradients_tiled(splats, CAMERA, ADJOINT, BACKGROUND, **CUTOFFS["smooth"][1])
+    splats = model("slopes", 6)
+    splats.sh_coeffs[:] = [[-5], [0], [0], [0]]
+    choices = {"antialiased": True, "negative_transmittance": False}  # as in ``CASES``
+    got = gradients_of(splats, options(splats, **choices, **SMOOTH_OPTIONS))
+    expected = gradients_tiled(splats, CAMERA, ADJOINT, BACKGROUND, **choices, **CUTOFFS["smooth"][1])
     assert not got.pop("sh_coeffs").any() and not expected.pop("sh_coeffs").any()
     assert_gradients_equal(got, expected)
 
 
-@pytest.mark.parametrize("varies", SHARES)
-def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin(varies):
-    splats = model(varies, 8, seed=2)
+@among_cases("varies", "dog_share", *MODES, kind=["smooth"])
+def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin(varies, dog_share, antialiased,
+                                                                               negative_transmittance):  # fmt: skip
+    splats = model(varies, 8, seed=2, dog_share=dog_share)
+    choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
     splats.means[:, 0] *= 3
     splats.log_scales += 1
-    expected = gradients_tiled(splats, CAMERA, ADJOINT, BACKGROUND, **CUTOFFS["smooth"][1])
-    assert_gradients_equal(gradients_of(splats, options(splats, **SMOOTH_OPTIONS)), expected)
+    expected = gradients_tiled(splats, CAMERA, ADJOINT, BACKGROUND, **choices, **CUTOFFS["smooth"][1])
+    got = gradients_of(splats, options(splats, **choices, **SMOOTH_OPTIONS))
+    assert_gradients_equal(got, {name: expected[name] for name in got})
 
 
 # --- forward mode ---
@@ -193,7 +207,7 @@ def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin(v
 FORWARD = "slopes", "slopes and cuts", "second cuts", "curvatures", "all of them"
 
 
-@every_pair(varies=FORWARD, dog_share=(0, 0.5), **MODES)
+@among_cases("varies", "dog_share", *MODES, varies=FORWARD)
 def test_forward_mode_along_random_directions_equals_differences(varies, dog_share, antialiased,
                                                                  negative_transmittance):  # fmt: skip
     splats = model(varies, dog_share=dog_share)
@@ -212,14 +226,17 @@ def test_forward_mode_along_each_parameter_alone_equals_differences():
         assert not table, f"{name}\n{table}"
 
 
-@every_pair(varies=FORWARD, dog_share=(0, 0.5), negative_transmittance=(True, False), kind=CUTOFFS)
-def test_forward_and_reverse_mode_are_adjoint(varies, dog_share, negative_transmittance, kind):
+@among_cases("varies", "dog_share", *MODES, "kind", varies=FORWARD)
+def test_forward_and_reverse_mode_are_adjoint(varies, dog_share, antialiased, negative_transmittance, kind):
+    """For one parameter at a time. The others have tangents of 0, so that one set of kernels is enough."""
     splats = model(varies, 400, seed=1, dog_share=dog_share)
     splats.logit_opacities += 2
-    choices = options(splats, negative_transmittance=negative_transmittance, **CUTOFFS[kind][0])
-    gradients = gradients_of(splats, choices)
-    for name, direction in random_directions(splats, 7).items():
-        tangent = pushed(splats, CAMERA, {name: direction}, choices)
+    chosen = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
+    choices = options(splats, **chosen, **CUTOFFS[kind][0])
+    gradients, directions = gradients_of(splats, choices), random_directions(splats, 7)
+    for name, direction in directions.items():
+        along = {other: direction if other == name else 0 * values for other, values in directions.items()}
+        tangent = pushed(splats, CAMERA, along, choices)
         forward = ADJOINT * (tangent["image"] + tangent["T"][..., None] * BACKGROUND)
         reverse = gradients[name] * direction
         scale = np.abs(forward).sum() + np.abs(reverse).sum()

@@ -16,6 +16,7 @@ from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.row_groups import SH
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
+from read_together import read, read_gradients
 from splat_scenes import (
     SMOOTH_OPTIONS,
     assert_gradients_equal,
@@ -41,7 +42,8 @@ def mixed(n=60, degrees=None, seed=3, **settings) -> Splats:
 def colors(splats: Splats, camera: Any, degree: int, **choices) -> tuple[np.ndarray, np.ndarray]:
     """(colours [N, 3], visible [N])"""
     p = project(upload(splats), camera, sh_degree=degree, **choices)
-    return np.stack([c.numpy() for c in p.colors], 1), p.visible.numpy()
+    *planes, visible = read([*p.colors, p.visible])
+    return np.stack(planes, 1), visible
 
 
 # --- pictures ---
@@ -116,7 +118,9 @@ def gradients(splats: Splats, **choices) -> dict[str, np.ndarray]:
     params = attached(splats)
     frame = rasterize(params, DeviceCamera.upload(CAMERA), options(splats, **choices))
     dr.backward(image_loss(frame))
-    return {name: gradient(params, name, splats) for name, value in params.items() if dr.grad_enabled(value)}
+    names = [name for name, value in params.items() if dr.grad_enabled(value)]
+    read_gradients(params, names)  # together
+    return {name: gradient(params, name, splats) for name in names}
 
 
 def gradient(params: dict, name: str, splats: Splats) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from read_together import read_gradients
 
 
 def film_gradients(scene: Any, names: Iterable[str], adjoint: np.ndarray) -> dict[str, np.ndarray]:
@@ -17,7 +18,7 @@ def film_gradients(scene: Any, names: Iterable[str], adjoint: np.ndarray) -> dic
         params.set_dirty(f"splats.{name}")
     params.update()
     dr.backward(dr.sum(mi.render(scene, params) * mi.TensorXf(adjoint.astype(np.float32))))
-    return {name: dr.grad(params[f"splats.{name}"]).numpy() for name in names}
+    return read_gradients(params, names, "splats.")
 
 
 def errors_of_adam(scene: Any, names: Iterable[str], target: Any, steps: int = 60, step_size: float = 0.02

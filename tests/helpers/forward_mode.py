@@ -13,7 +13,7 @@ from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.reference.forward import raw_indices, raw_names
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
-from splat_scenes import plane_of
+from read_together import read
 
 
 def random_directions(splats: Splats, seed: int) -> dict[str, np.ndarray]:
@@ -33,7 +33,7 @@ def pushed(
     frame = rasterize(params, DeviceCamera.upload(camera), choices)
     planes = [*frame.colors, frame.T, *([] if frame.depth is None else [frame.depth])]
     dr.forward_to(planes)
-    tangents = [plane_of(dr.grad(plane), camera) for plane in planes]
+    tangents = [plane.reshape(camera.height, camera.width) for plane in read(map(dr.grad, planes))]
     depth = {} if frame.depth is None else {"depth": tangents[4]}
     return {"image": np.stack(tangents[:3], -1), "T": tangents[3], **depth}
 

@@ -13,6 +13,7 @@ from mi_dogsplat.engine.drjit_internals import llvm_packet
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
+from read_together import read_gradients
 from splat_scenes import random_splats, rounded, tilted_camera
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +41,7 @@ def picture_and_gradients(isect_memory: float | None = None) -> dict[str, np.nda
         dr.set_grad(plane, mi.Float(rng.normal(size=dr.width(plane)).astype(np.float32)))
     dr.enqueue(dr.ADMode.Backward, planes)
     dr.traverse(dr.ADMode.Backward)
-    return result | {name: dr.grad(params[name]).numpy() for name in names}
+    return result | read_gradients(params, names)
 
 
 def write(path: str) -> None:

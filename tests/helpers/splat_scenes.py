@@ -211,11 +211,12 @@ def assert_gradients_equal(got: dict[str, np.ndarray], expected: dict[str, np.nd
     assert not table, "\n" + table
 
 
-def differences(splats: Splats, loss: Callable[[Splats], float], eps=1e-5) -> dict[str, np.ndarray]:
-    """Central differences of a loss of float64 parameters by every one of their entries."""
+def differences(splats: Splats, loss: Callable[[Splats], Any], eps=1e-5, n_losses=0) -> dict[str, np.ndarray]:
+    """Central differences of a loss of float64 parameters by every one of their entries; of several losses, which come
+    as one array, along a last axis of the results."""
     raw = {name: np.array(getattr(splats, name), np.float64) for name in raw_names(splats)}
     perturbed = cast("Splats", SimpleNamespace(**raw, **raw_indices(splats)))
-    result = {name: np.zeros_like(values) for name, values in raw.items()}
+    result = {name: np.zeros((*values.shape, n_losses) if n_losses else values.shape) for name, values in raw.items()}
     for name, values in raw.items():
         for index in np.ndindex(values.shape):
             value, sides = values[index], []

@@ -18,6 +18,7 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import opencv_w2c_to_mitsuba_c2w
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
+from read_together import read
 from same_numbers import assert_same_numbers
 from splat_scenes import dog_dict, random_splats, rounded, scene_of, sensor_dict, square_camera
 
@@ -55,7 +56,7 @@ def variables(n: int) -> list[mi.Float]:
 
 def gradient(scene: mi.Scene, params: Any, values: list, spp=1, adjoint=ADJOINT) -> np.ndarray:
     dr.backward(dr.sum(mi.render(scene, params, spp=spp) * mi.TensorXf(adjoint), axis=None))
-    return np.array([dr.grad(v).numpy()[0] for v in values])
+    return np.concatenate(read(map(dr.grad, values)))
 
 
 def assert_equal(got: np.ndarray, expected: np.ndarray, names=NAMES, rtol=5e-3):
@@ -169,7 +170,7 @@ def test_derivatives_of_an_orthographic_sensor_equal_differences():
     params["flat.to_world"] = base @ device_motion(values) @ size
     params.update()
     dr.backward(dr.sum(mi.render(scene, params, sensor=1, spp=1) * mi.TensorXf(ADJOINT), axis=None))
-    got = np.array([dr.grad(v).numpy()[0] for v in values])
+    got = np.concatenate(read(map(dr.grad, values)))
 
     def loss(p: np.ndarray) -> float:
         return image_loss(MODEL, far_pinhole(CAMERA, p[:6], 2 + p[6]))
@@ -193,7 +194,7 @@ def test_derivatives_of_a_lens_equal_differences():
     params["sensor.to_world"] = base @ mi.Transform4f().translate(mi.Point3f(values[2], 0, 0))
     params.update()
     scene.integrator().render_backward(scene, params, mi.TensorXf(ADJOINT), spp=5, seed=1)
-    got = np.array([dr.grad(v).numpy()[0] for v in values])
+    got = np.concatenate(read(map(dr.grad, values)))
 
     def loss(p: np.ndarray) -> float:
         pinholes = lens_pinholes(CAMERA, 0.15 + p[0], 2 + p[1], [p[2], 0, 0, 0, 0, 0], spp=5, seed=1)
