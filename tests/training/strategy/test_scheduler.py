@@ -13,6 +13,7 @@ from mi_dogsplat.training.strategy.scheduler import Decision, Progress, PruningR
 PAPER = PruningRule()
 RELEASED = PruningRule(start=15_200, stop=25_200, beta=0.99, rounds=5)
 EQUAL = PruningRule(division="equal", rounds=5)
+PARTS = PruningRule(division=(1.0, 1.0, 1.0), rounds=3)
 STUCK = 1.0  # an L1 that never falls
 
 
@@ -174,7 +175,7 @@ def test_a_target_that_something_else_has_reached_ends_the_schedule():
     assert scheduler.progress.finished and not scheduler.checks(25_000)
 
 
-@pytest.mark.parametrize("rule", [PAPER, RELEASED, EQUAL])
+@pytest.mark.parametrize("rule", [PAPER, RELEASED, EQUAL, PARTS])
 @pytest.mark.parametrize(("n_start", "n_target"), [(2, 1), (3, 1), (3, 2), (5, 4), (10, 1)])
 def test_tiny_models_lose_at_least_one_primitive_a_prune_and_end_at_the_target(rule, n_start, n_target):
     for l1 in (falling, lambda _: STUCK):
