@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import drjit as dr
@@ -208,3 +209,10 @@ def test_half_of_a_photograph_asks_for_as_much_as_all_of_it(data, tmp_path, grad
     np.testing.assert_allclose(got, expected, atol=0.05 * np.abs(expected).max())
     flat = images * (mask[..., None] > 0)
     np.testing.assert_array_equal(motions(flat, gradients / 2), got)
+
+
+def test_the_record_has_the_median_turn_and_shift():
+    motion = np.array([0.03, 0, -0.04, 0.2, -0.1, 0.2])  # a turn of .05, in radians, and a shift of .3
+    state: Any = SimpleNamespace(motions=motion * np.array([[10], [1], [-2]]))
+    (event,) = PoseRefinement().end(cast(Training, None), state)
+    assert event.record == {"kind": "poses_refined", "shift": pytest.approx(0.6), "turn": pytest.approx(5.729578)}

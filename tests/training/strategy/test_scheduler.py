@@ -154,6 +154,8 @@ def test_parts_of_the_way_multiply_the_count_whatever_the_error():
     found = prunes(run(rule, 40_000, 4000, lambda _: STUCK))
     assert [after for _, after in found.values()] == [round(40_000 * 0.1**0.7), round(40_000 * 0.1**0.8), 4000]
     assert list(found) == [15_000, 18_000, 21_000]
+    tenths = dataclasses.replace(rule, division=(7.0, 1.0, 2.0))
+    assert prunes(run(tenths, 40_000, 4000, lambda _: STUCK)) == found
     late = prunes(run(PruningRule(15_000, 15_000, division=(2.0,), rounds=1), 40_000, 4000, falling))
     assert late == {15_000: (40_000, 4000)}
 
