@@ -263,6 +263,15 @@ def test_a_rule_scaled_by_one_is_the_same_and_one_for_7000_steps_has_the_same_ch
     assert (scaled.start, scaled.stop, scaled.check_every, scaled.max_interval) == (3500, 5833, 117, 468)
 
 
+@pytest.mark.parametrize(
+    ("factor", "every", "longest"), [(0.01, 5, 20), (0.002, 1, 4), (0.001, 1, 2), (0.0005, 1, 1), (0.0001, 1, 1)]
+)
+def test_where_checks_cannot_come_more_often_a_prune_is_forced_after_fewer_of_them(factor, every, longest):
+    """2,000 steps of 30,000, in whole checks: four of them, or what of these is left where a check is a step."""
+    rule = PAPER.scaled(factor)
+    assert (rule.check_every, rule.max_interval) == (every, longest)
+
+
 @pytest.mark.parametrize("steps", [*range(1, 150), 2857, 2913, 7000])
 def test_a_window_of_two_checks_has_the_second_at_its_end_whatever_the_length_of_the_run(steps):
     """What else is due at that milestone, as a new optimizer, would else be a step apart."""
