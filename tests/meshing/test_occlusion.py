@@ -44,7 +44,7 @@ def test_what_is_hidden_lies_behind_all_pixels_that_it_may_be_in(camera, radius,
     brute = np.array([behind(camera, depth, middle, radius) for middle in middles])
     assert not (found & ~brute).any()
     if not holes:  # one in a large tile, and it tells nothing
-        assert found.sum() > 0.5 * brute.sum()
+        assert found.sum() > 0.6 * brute.sum()  # .67 to .86 here; looked up in tiles that are too large, from .55 on
 
 
 CENTRE = np.array([0.1, 0.0, 3.5])
