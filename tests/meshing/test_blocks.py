@@ -71,3 +71,12 @@ def test_no_block_is_left_out_that_a_camera_sees():
     found = blocks.seen_by(camera, near)
     assert set(seen) <= set(found)
     assert len(seen) < len(found) < 1.8 * len(seen) < len(places)
+
+
+def test_at_least_is_the_number_of_blocks_where_cells_fill_them():
+    blocks = np.array([[0, 0, 0], [0, 0, 1], [-2, 1, 0]])
+    for cells_of_block in (1, 2):  # along an edge
+        cells = np.array(list(np.ndindex((cells_of_block,) * 3))) + 0.5  # their middles
+        finder = BlockFinder(CENTRE, 0.05, 0.05 * SIDE / cells_of_block)
+        finder.add(CENTRE + finder.reach * (blocks[:, None] * cells_of_block + cells).reshape(-1, 3))
+        assert finder.coarser(1).at_least == len(blocks)

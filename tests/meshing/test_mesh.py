@@ -32,6 +32,7 @@ def test_crumbs_and_all_but_the_largest_parts_leave():
     assert corners(MESH.without_crumbs(2)) == VERTICES[FACES[[0, 1, 2, 4, 5]]].tolist()
     assert corners(MESH.without_crumbs(1, 1)) == VERTICES[FACES[[0, 2, 5]]].tolist()
     assert corners(MESH.without_crumbs(1, 9)) == corners(MESH)
+    assert corners(MESH.without_crumbs(3, 2)) == VERTICES[FACES[[0, 2, 5]]].tolist()  # the second largest is a crumb
     assert not len(MESH.without_crumbs(4).faces) and not len(MESH.without_crumbs(4).vertices)
     empty = Mesh(np.zeros((0, 3)), np.zeros((0, 3), int))
     assert not len(empty.without_crumbs(1).faces)

@@ -5,7 +5,8 @@ import pytest
 from mi_dogsplat.meshing.blocks import Blocks, keys_of
 from mi_dogsplat.meshing.fusion import Fusion
 from mi_dogsplat.meshing.occlusion import hidden
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
+from scipy.spatial.transform import Rotation
 from splat_scenes import make_camera, tilted_camera
 
 TRUNCATION = 0.1
@@ -43,12 +44,18 @@ def test_what_is_hidden_lies_behind_all_pixels_that_it_may_be_in(camera, radius,
     brute = np.array([behind(camera, depth, middle, radius) for middle in middles])
     assert not (found & ~brute).any()
     if not holes:  # one in a large tile, and it tells nothing
-        assert found.sum() > 0.5 * brute.sum()
+        assert found.sum() > 0.6 * brute.sum()  # .67 to .86 here; looked up in tiles that are too large, from .55 on
 
 
-def test_sums_are_the_same_with_and_without(monkeypatch):
-    camera = tilted_camera(64, 48, 50.0)
-    blocks = Blocks(np.array([0.1, 0.0, 3.5]), 0.03, np.unique(keys_of(np.array(list(np.ndindex(9, 9, 9))) - 4)))
+CENTRE = np.array([0.1, 0.0, 3.5])
+BACK = Rotation.align_vectors([[0, 0, -1], [1, 0, 0]], [[1, 1, 1], [1, -1, 0]])[0].as_matrix()  # blocks begin far away
+
+
+@pytest.mark.parametrize(
+    "camera", [tilted_camera(64, 48, 50.0), make_camera(64, 48, 50.0, w2c=affine(BACK, (0, 0, 3.5) - BACK @ CENTRE))]
+)
+def test_sums_are_the_same_with_and_without(monkeypatch, camera):
+    blocks = Blocks(CENTRE, 0.03, np.unique(keys_of(np.array(list(np.ndindex(9, 9, 9))) - 4)))
     lines, columns = np.indices((48, 64))
     depth = (3 + 0.3 * np.sin(columns / 9) + 0.2 * np.cos(lines / 7)).astype(np.float32)
     found = []

@@ -157,7 +157,7 @@ def test_a_jpeg_with_a_preview_behind_it_stays_a_jpeg(tmp_path):
 
 
 def test_a_mask_says_the_same_in_the_search_for_poses_as_in_training(tmp_path):
-    """Erased to transparent, as painting programs do it, or with more than 8 bits."""
+    """Erased to transparent, as painting programs do it, with more than 8 bits, or just about white."""
     left = np.zeros((HEIGHT, WIDTH), np.uint16)
     left[:, : WIDTH // 2] = 1
     white, shown = Image.new("L", (WIDTH, HEIGHT), 255), Image.fromarray((255 * left).astype(np.uint8))
@@ -170,6 +170,7 @@ def test_a_mask_says_the_same_in_the_search_for_poses_as_in_training(tmp_path):
         "la": Image.merge("LA", [white, shown]),
         "p": erased,
         "deep": Image.fromarray(20_000 + 40_000 * left),
+        "grey": Image.fromarray((127 + left).astype(np.uint8)),
     }
     (tmp_path / "masks").mkdir()
     for name, mask in masks.items():

@@ -117,8 +117,9 @@ def test_leave_dog_out_is_the_energy_of_pictures_with_the_primary_alone(cuts, ba
         views.append(footprints)
     rule = ScoreRule("leave-dog-out", spectral_weight=0)
     on_device = [DeviceCamera.upload(camera) for camera in CAMERAS]
-    U, _ = energies(rule, upload(splats), TrainingViews(on_device, options(splats), background), 0)
+    U, Uf = energies(rule, upload(splats), TrainingViews(on_device, options(splats), background), 0)
     assert_close(U, spatial(views))
+    assert not Uf.any()  # no probe walks for what has no weight
     gaussians = np.setdiff1d(np.arange(15), splats.dog_index)
     assert not U[gaussians].any() and (U[splats.dog_index] > 0).sum() > 3
 
@@ -191,6 +192,7 @@ def test_attached_parameters_are_left_alone():
     [
         ({"kind": "magic"}, "magic"),
         ({"spatial_weight": -1.0}, "negative"),
+        ({"spatial_weight": -1.0, "spectral_weight": 2.0}, "negative"),  # though they add up to more than 0
         ({"probes": -1}, "probes=-1"),
         ({"spatial_weight": 0.0, "spectral_weight": 0.0}, "positive"),
         ({"gamma_f": 0.0}, "gamma_f=0"),

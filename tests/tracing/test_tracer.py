@@ -115,10 +115,11 @@ def test_primitives_that_are_not_drawn_leave_no_trace():
     splats = rounded(random_splats(20, seed=7))
     rays = random_rays(100, seed=8)
     broken = Splats(**vars(splats))
-    broken.means = splats.means.copy()
+    broken.means, broken.log_scales, broken.quats = splats.means.copy(), splats.log_scales.copy(), splats.quats.copy()
     broken.logit_opacities, broken.sh_coeffs = splats.logit_opacities.copy(), splats.sh_coeffs.copy()
     broken.means[3, 1], broken.logit_opacities[4], broken.sh_coeffs[5, 2, 1] = np.nan, -8, np.inf
-    rest = splats.select(np.delete(np.arange(20), [3, 4, 5]))
+    broken.log_scales[6], broken.quats[7, 2], broken.log_scales[8, 1] = np.inf, np.nan, np.inf
+    rest = splats.select(np.delete(np.arange(20), [3, 4, 5, 6, 7, 8]))
     for a, b in zip(gathered(tracer_of(broken), rays), gathered(tracer_of(rest), rays), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-6)
 

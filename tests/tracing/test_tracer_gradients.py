@@ -180,3 +180,34 @@ def test_a_primitive_that_no_ray_meets_has_no_gradient(rays):
     for values in read_gradients(params, ("means", "logit_opacities", "sh_coeffs")).values():
         rows = values.reshape(9, -1)
         assert not rows[2].any() and rows.any()
+
+
+@pytest.mark.parametrize(("kind", "shares"), [("transmittance", "slopes"), ("gather", "colours of one value")])
+def test_what_takes_no_light_away_changes_none_in_reverse_and_in_forward_mode(kind, shares, rays):
+    """Without negative transmittance, of a model with many negative α; by its opacities."""
+    splats, options = rounded(random_splats(9, 22, 1, 0.5, *SHARES[shares])), {"negative_transmittance": False}
+    assert (rays.meet(splats).alphas < -0.01).sum() > 20
+    names = "logit_opacities", "dog_logit_opacities"
+    raw, changed = in_float64(splats)
+    expected = {name: np.zeros(raw[name].shape) for name in names}
+    for name in names:
+        for k, kept in enumerate(raw[name]):
+            for sign in (1, -1):
+                raw[name][k] = kept + sign * STEP
+                loss_there = twin_loss(rays.meet(changed, smooth=True), kind, **options)
+                expected[name][k] += sign * loss_there / (2 * STEP)
+            raw[name][k] = kept
+    params = attached(splats)
+    dr.backward(loss(params, 1, rays, kind, cutoffs=SMOOTH, **options))
+    for name in names:
+        limit = 2e-3 * np.abs(expected[name]).max()
+        np.testing.assert_allclose(dr.grad(params[name]).numpy(), expected[name], atol=limit)
+    params = attached(splats)
+    value = loss(params, 1, rays, kind, cutoffs=SMOOTH, **options)
+    tangents = {name: np.random.default_rng(27).normal(size=expected[name].shape) for name in names}
+    for name in names:
+        dr.set_grad(params[name], type(params[name])(tangents[name].astype(np.float32)))
+    dr.enqueue(dr.ADMode.Forward, [params[name] for name in names])
+    dr.traverse(dr.ADMode.Forward)
+    inner = sum(float(tangents[name] @ expected[name]) for name in names)
+    assert float(dr.grad(value)[0]) == pytest.approx(inner, rel=5e-3) and abs(inner) > 0.05

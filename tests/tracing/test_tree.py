@@ -13,9 +13,10 @@ from mi_dogsplat.tracing.tree import NONE, ROW, build, leaf_order
 from splat_scenes import random_splats, rounded
 
 
+@pytest.mark.parametrize("offset", [(0, 0, 0), (-40, 0, 30)])  # the empty are nowhere: neither at the origin
 @pytest.mark.parametrize("n", [1, 2, 37, 64, 100])
-def test_nodes_are_cut_across_their_longest_axis(n):
-    points = np.random.default_rng(n).normal(size=(n, 3)) * [1, 3, 0.5]
+def test_nodes_are_cut_across_their_longest_axis(n, offset):
+    points = np.random.default_rng(n).normal(size=(n, 3)) * [1, 3, 0.5] + offset
     order = leaf_order([array_types().Float(column.astype(np.float32)) for column in points.T], n).numpy()
     assert len(order) == max(2, 2 ** int(np.ceil(np.log2(n)))) and sorted(order[order != NONE]) == list(range(n))
     block = len(order)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import drjit as dr
@@ -12,7 +13,7 @@ from hdr_data import write_hdr_data
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
-from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c
+from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c, without_common
 from mi_dogsplat.training.strategy.pose_refinement import PoseRefinement, Poses
 from mi_dogsplat.training.strategy.strategy import Seen, Training
 from mi_dogsplat.training.train import Trainer
@@ -148,8 +149,13 @@ def test_motions_come_as_far_in_few_turns_as_in_many_and_steps_fall(data, gradie
     """By ``reach`` in all, if the gradient stays; the last step has ``fall`` of the first."""
     rule = PoseRefinement(start=0, reach=0.01, fall=0.1, pull=0, quiet=0, memory=0)
     small = 0.1 * gradients  # motions are small, so that gradients by them hardly turn
-    few, many = (after_turns(data, rule, turns, small, VIEWS * turns).motions for turns in (20, 80))
+    first, last = (after_turns(data, rule, turns, small, VIEWS * turns) for turns in (20, 80))
+    few, many = first.motions, last.motions
     np.testing.assert_allclose(many, few, atol=0.1 * np.abs(few).max())
+    asked = np.einsum("vij,vj->vi", last.scales, last.mean)  # for a step size of 1
+    extent = Trainer(config_of(data), load_dataset(data)).extent
+    whole = without_common(-rule.reach * asked, common_motions(last.given, extent))
+    np.testing.assert_allclose(many, whole, atol=0.04 * np.abs(whole).max())
     half = after_turns(data, replace(rule, reach=0.005), 20, small, VIEWS * 20).motions
     np.testing.assert_allclose(half, few / 2, atol=0.02 * np.abs(few).max())
     steps = [after_turns(data, rule, turns, small, VIEWS * 20).motions for turns in (1, 19, 20)]
@@ -208,3 +214,39 @@ def test_half_of_a_photograph_asks_for_as_much_as_all_of_it(data, tmp_path, grad
     np.testing.assert_allclose(got, expected, atol=0.05 * np.abs(expected).max())
     flat = images * (mask[..., None] > 0)
     np.testing.assert_array_equal(motions(flat, gradients / 2), got)
+
+
+def test_the_record_has_the_median_turn_and_shift():
+    motion = np.array([0.03, 0, -0.04, 0.2, -0.1, 0.2])  # a turn of .05, in radians, and a shift of .3
+    state: Any = SimpleNamespace(motions=motion * np.array([[10], [1], [-2]]))
+    (event,) = PoseRefinement().end(cast(Training, None), state)
+    assert event.record == {"kind": "poses_refined", "shift": pytest.approx(0.6), "turn": pytest.approx(5.729578)}
+
+
+def test_the_mean_over_turns_weighs_the_last_ones_most_and_begins_with_the_first(data, gradients):
+    """.8 of the turn before: (.8 · .2 g + .2 · 0) / (1 - .8²) where the second turn asks for nothing."""
+    rule = PoseRefinement(start=0, reach=0.01, fall=0.999, pull=0, quiet=0)
+    small = 0.1 * gradients
+    expected = after_turns(data, replace(rule, memory=0.0), 1, small).motions
+    trainer = Trainer(config_of(data, steps=700), load_dataset(data))
+    state = rule.new_state(trainer)
+    for by_pose, steps in ((small, 1), (np.zeros_like(small), 1 + 0.16 / 0.36)):
+        seen_in_turn(rule, trainer, state, range(VIEWS), by_pose)
+        np.testing.assert_allclose(state.motions, steps * expected, atol=5e-3 * np.abs(expected).max())
+
+
+def test_a_view_whose_gradient_is_no_number_asks_for_nothing(data, gradients):
+    rule, found = PoseRefinement(start=0), []
+    for value in (0.0, np.nan):
+        trainer = Trainer(config_of(data, steps=700), load_dataset(data))
+        state = rule.new_state(trainer)
+        by_pose = gradients.copy()
+        by_pose[2] = 0
+        seen_in_turn(rule, trainer, state, range(VIEWS - 1), by_pose)
+        sums = state.gradient.numpy()
+        sums[6 * 2 + 4] = value
+        state.gradient = mi.Float(sums)
+        seen_in_turn(rule, trainer, state, [VIEWS - 1], by_pose)
+        found.append(state.motions)
+    assert np.abs(found[0]).max() > 1e-4
+    np.testing.assert_array_equal(*found)

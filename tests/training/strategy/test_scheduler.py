@@ -13,6 +13,7 @@ from mi_dogsplat.training.strategy.scheduler import Decision, Progress, PruningR
 PAPER = PruningRule()
 RELEASED = PruningRule(start=15_200, stop=25_200, beta=0.99, rounds=5)
 EQUAL = PruningRule(division="equal", rounds=5)
+PARTS = PruningRule(division=(1.0, 1.0, 1.0), rounds=3)
 STUCK = 1.0  # an L1 that never falls
 
 
@@ -153,6 +154,8 @@ def test_parts_of_the_way_multiply_the_count_whatever_the_error():
     found = prunes(run(rule, 40_000, 4000, lambda _: STUCK))
     assert [after for _, after in found.values()] == [round(40_000 * 0.1**0.7), round(40_000 * 0.1**0.8), 4000]
     assert list(found) == [15_000, 18_000, 21_000]
+    tenths = dataclasses.replace(rule, division=(7.0, 1.0, 2.0))
+    assert prunes(run(tenths, 40_000, 4000, lambda _: STUCK)) == found
     late = prunes(run(PruningRule(15_000, 15_000, division=(2.0,), rounds=1), 40_000, 4000, falling))
     assert late == {15_000: (40_000, 4000)}
 
@@ -174,7 +177,7 @@ def test_a_target_that_something_else_has_reached_ends_the_schedule():
     assert scheduler.progress.finished and not scheduler.checks(25_000)
 
 
-@pytest.mark.parametrize("rule", [PAPER, RELEASED, EQUAL])
+@pytest.mark.parametrize("rule", [PAPER, RELEASED, EQUAL, PARTS])
 @pytest.mark.parametrize(("n_start", "n_target"), [(2, 1), (3, 1), (3, 2), (5, 4), (10, 1)])
 def test_tiny_models_lose_at_least_one_primitive_a_prune_and_end_at_the_target(rule, n_start, n_target):
     for l1 in (falling, lambda _: STUCK):
@@ -258,6 +261,15 @@ def test_a_rule_scaled_by_one_is_the_same_and_one_for_7000_steps_has_the_same_ch
     assert PAPER.scaled(1) == PAPER and RELEASED.scaled(1) == RELEASED
     scaled = PAPER.scaled(7000 / 30_000)
     assert (scaled.start, scaled.stop, scaled.check_every, scaled.max_interval) == (3500, 5833, 117, 468)
+
+
+@pytest.mark.parametrize(
+    ("factor", "every", "longest"), [(0.01, 5, 20), (0.002, 1, 4), (0.001, 1, 2), (0.0005, 1, 1), (0.0001, 1, 1)]
+)
+def test_where_checks_cannot_come_more_often_a_prune_is_forced_after_fewer_of_them(factor, every, longest):
+    """2,000 steps of 30,000, in whole checks: four of them, or what of these is left where a check is a step."""
+    rule = PAPER.scaled(factor)
+    assert (rule.check_every, rule.max_interval) == (every, longest)
 
 
 @pytest.mark.parametrize("steps", [*range(1, 150), 2857, 2913, 7000])

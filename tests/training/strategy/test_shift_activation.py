@@ -96,6 +96,24 @@ def test_what_goes_changes_no_pixel_by_a_255th_and_what_is_some_times_that_shows
     assert change_of_picture(one(4 * sizes[first], opacity, **dog)) > 1 / 255
 
 
+def test_who_shows_is_decided_by_the_bound_on_the_change_of_both_kernels():
+    """One by one: shifts from 0 to so large that each kernel changes by all of its peak."""
+    splats = with_shifts(rounded(random_splats(40, seed=5, degree=0, dog_share=0.5)), every=1)
+    splats.view_shifts *= np.geomspace(1e-3, 30, 40)[:, None, None]
+    dog = dict(zip(splats.dog_index.tolist(), range(splats.n_dog), strict=True))
+    steepest, bounds = np.exp(-0.5), []
+    for i in range(40):
+        reach = np.linalg.svd(splats.view_shifts[i])[1][0] * (1 + np.sqrt((splats.mean_views[i] ** 2).sum()))
+        bound = min(steepest * reach, 1)
+        if i in dog:
+            height = 1 / (1 + np.exp(-splats.dog_logit_opacities[dog[i]]))
+            bound += height * min(steepest * reach / np.exp(splats.dog_log_scales[dog[i]]).min(), 1)
+        bounds.append(bound / (1 + np.exp(-splats.logit_opacities[i])))
+    optimizer, places = optimizer_of(splats), np.sort(bounds)
+    for least in 0.5 * (places[1:] + places[:-1]):
+        np.testing.assert_array_equal(shown_shifts(ShiftRule(least=least), optimizer), bounds >= least)
+
+
 def test_the_end_leaves_out_what_no_pixel_shows():
     splats = with_shifts(rounded(make_splats(np.random.default_rng(0).normal(size=(6, 3)), 0.3, 0.9)), every=1)
     splats.view_shifts[[0, 2, 4]] *= 1e-3
