@@ -276,6 +276,22 @@ def test_backward_mode_of_the_shapes_pose_equals_differences():
     assert_equal(gradient(*shape_scene(values), values), central(loss))
 
 
+def test_derivatives_by_a_pose_take_as_many_kernels_whatever_turns_with_it():
+    """A sum over all primitives for each number of the pose, not for each of its uses in spherical harmonics."""
+    counts = []
+    for degree in (1, 2):
+        params = upload(rounded(random_splats(12, seed=4, degree=degree)))
+        pose = mi.Transform4f(device_motion([mi.Float(0.1)] * 6))
+        dr.enable_grad(pose)
+        with KernelWatch() as kernels:
+            turned = moved(params, pose)
+            loss: Any = sum(dr.sum(turned[name]) for name in RAW if name in turned)
+            dr.backward(loss)
+            dr.eval(dr.grad(pose))
+        counts.append(kernels.launched)
+    assert counts[0] == counts[1] > 0
+
+
 def test_a_shape_that_nobody_has_moved_has_a_derivative_by_its_pose():
     scene = scene_of(MODEL, CAMERA, **FLAT)
     params: Any = mi.traverse(scene)
