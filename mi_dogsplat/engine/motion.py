@@ -35,7 +35,7 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
     turn = cast(Any, dr.matrix_to_quat)(mi.Matrix3f(rotation))
     *xyz, w = read_rows(params["quats"], 4, 4, index)
     zero = (xyz[0] == 0) & (xyz[1] == 0) & (xyz[2] == 0) & (w == 0)  # read as the identity, which is not 0 in a product
-    turn = mi.Quaternion4f(_in_each_lane([turn[i] for i in range(4)], index))
+    turn = cast(Any, mi.Quaternion4f)(_in_each_lane([turn[i] for i in range(4)], index))
     quats = turn * cast(Any, mi.Quaternion4f)(*xyz, dr.select(zero, 1, w))
     log_scales = params["log_scales"] + dr.log(scale)
     result = {**params, "means": _table(means), "quats": _table(quats), "log_scales": log_scales}
