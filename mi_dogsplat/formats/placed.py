@@ -63,5 +63,6 @@ def _moved(model: Model, matrix: Array) -> Model:
     hold."""
     said, drawing = {"up": UP, "scale": 1.0}, model.drawing
     now: dict[str, Any] = {name: value for name, value in said.items() if getattr(drawing, name) is not None}
-    drawing = replace(drawing.enlarged(mean_scale(matrix)), **now)
+    factor = mean_scale(matrix)
+    drawing = replace(drawing.enlarged(1.0 if abs(factor - 1) < SAME else factor), **now)  # a turn is not quite 1
     return replace(model, splats=transformed(model.splats, matrix), drawing=drawing)

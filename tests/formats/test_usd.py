@@ -163,6 +163,13 @@ def test_what_a_moved_model_said_of_its_place_is_over(tmp_path):
     np.testing.assert_allclose(read.splats.means, upright(said)[0].splats.means + [1, -2, -3], atol=1e-4)
 
 
+def test_a_turn_leaves_lengths_as_they_were(tmp_path):
+    write_model(tmp_path / "a.usdc", Model(MODEL, Drawing(near_clip=0.2)))
+    stage = a_stage(tmp_path / "set.usda")
+    referencing(stage, "/Set", tmp_path / "a.usdc").AddRotateXYZOp().Set(Gf.Vec3f(40, 3, 17))
+    assert read_saved(stage).drawing.near_clip == 0.2
+
+
 @pytest.mark.parametrize("layered", [False, True])
 def test_z_is_up_and_a_unit_is_a_centimetre_where_a_stage_says_so(tmp_path, file, layered):
     if layered:
