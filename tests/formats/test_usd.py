@@ -166,8 +166,10 @@ def test_what_a_moved_model_said_of_its_place_is_over(tmp_path):
 def test_a_turn_leaves_lengths_as_they_were(tmp_path):
     write_model(tmp_path / "a.usdc", Model(MODEL, Drawing(near_clip=0.2)))
     stage = a_stage(tmp_path / "set.usda")
-    referencing(stage, "/Set", tmp_path / "a.usdc").AddRotateXYZOp().Set(Gf.Vec3f(40, 3, 17))
-    assert read_saved(stage).drawing.near_clip == 0.2
+    turn = referencing(stage, "/Set", tmp_path / "a.usdc").AddRotateXYZOp()
+    for angle in range(1, 20):  # the determinants of some are 1 exactly
+        turn.Set(Gf.Vec3f(7 * angle, 3 * angle, 17 * angle))
+        assert read_saved(stage).drawing.near_clip == 0.2
 
 
 @pytest.mark.parametrize("layered", [False, True])
