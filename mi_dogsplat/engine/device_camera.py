@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..scene.cameras import Camera
+from .in_each_lane import in_each_lane
 
 FARTHEST = 1e37  # world units of depth; 1/z of what is farther is no normal number, and its derivatives are NaN
 MARGIN = 0.15  # of the image beyond each of its sides, where J still follows the centre: 1.3 x the field of view
@@ -106,6 +107,16 @@ class DeviceCamera:
             width=camera.width, height=camera.height, perspective=perspective,
             numbers=(*numbers, camera.width, camera.height, perspective),
         )  # fmt: skip
+
+    def in_each_lane(self, n: int) -> DeviceCamera:
+        """With its numbers as arrays of ``n`` lanes where they have derivatives: one for each that it is asked for."""
+        numbers = [*self.rotation, self.position, [self.fx, self.fy, self.cx, self.cy], self.limits]
+        if not dr.grad_enabled(numbers):
+            return self
+        arrays = iter(in_each_lane([value for row in numbers for value in row], n))
+        *rotation, position, lens, limits = ([next(arrays) for _ in row] for row in numbers)
+        fx, fy, cx, cy = lens
+        return replace(self, rotation=rotation, position=position, fx=fx, fy=fy, cx=cx, cy=cy, limits=limits)
 
     def anonymous(self) -> DeviceCamera:
         """What the projection reads, the nudge apart: no numbers by which one camera could be told from another."""

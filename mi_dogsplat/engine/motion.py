@@ -16,6 +16,7 @@ import numpy as np
 
 from ..scene.row_groups import REVERSED, SH
 from ..scene.sh_basis import sh_basis, sh_basis_table
+from .in_each_lane import in_each_lane
 from .rows import read_rows
 from .sh_groups import ROW_COEFFICIENTS
 
@@ -31,11 +32,11 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
         return params
     index = dr.arange(mi.UInt32, n)
     x, y, z = read_rows(params["means"], 3, 3, index)
-    means = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in _in_each_lane(matrix, index)]
+    means = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in _rows_in_each_lane(matrix, n)]
     turn = cast(Any, dr.matrix_to_quat)(mi.Matrix3f(rotation))
     *xyz, w = read_rows(params["quats"], 4, 4, index)
     zero = (xyz[0] == 0) & (xyz[1] == 0) & (xyz[2] == 0) & (w == 0)  # read as the identity, which is not 0 in a product
-    turn = cast(Any, mi.Quaternion4f)(_in_each_lane([turn[i] for i in range(4)], index))
+    turn = cast(Any, mi.Quaternion4f)(in_each_lane([turn[i] for i in range(4)], n))
     quats = turn * cast(Any, mi.Quaternion4f)(*xyz, dr.select(zero, 1, w))
     log_scales = params["log_scales"] + dr.log(scale)
     result = {**params, "means": _table(means), "quats": _table(quats), "log_scales": log_scales}
@@ -45,31 +46,20 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
     size = dr.width(params["sh_coeffs"]) // (3 * n)
     if size > 1:
         coefficients = read_rows(params["sh_coeffs"], 3 * size, 3 * size, index)
-        result["sh_coeffs"] = _table(_turned(coefficients, _in_each_lane(isometry, index)))
+        result["sh_coeffs"] = _table(_turned(coefficients, _rows_in_each_lane(isometry, n)))
     for degree, group in SH.items():
         if group.index in params:
             (name,), stride, used = group.names, 3 * ROW_COEFFICIENTS[degree], 3 * ((degree + 1) ** 2 - 1)
             rows = dr.arange(mi.UInt32, dr.width(params[group.index]))
             bands = read_rows(params[name], stride, used, rows)
-            turned = _turned([mi.Float(0)] * 3 + bands, _in_each_lane(isometry, rows))[3:]
+            turned = _turned([mi.Float(0)] * 3 + bands, _rows_in_each_lane(isometry, dr.width(rows)))[3:]
             result[name] = _table(turned + [mi.Float(0)] * (stride - used))
     return result
 
 
-def _in_each_lane(numbers: Any, index: Any) -> Any:
-    """Numbers, in lists or not, as arrays of the width of ``index`` where they have derivatives.
-
-    The derivative of a number is a sum over all lanes for each of its uses, a kernel and a pass over memory each. That
-    of an array is one, whatever its uses.
-    """
-    if not dr.grad_enabled(numbers):
-        return numbers
-    one = dr.select(index < dr.width(index), mi.Float(1), 0)  # an array that Dr.Jit does not see through
-
-    def times_one(number: Any) -> Any:
-        return [value * one for value in number] if isinstance(number, list) else number * one
-
-    return [times_one(number) for number in numbers]
+def _rows_in_each_lane(matrix: list, n: int) -> list:
+    numbers, size = in_each_lane([value for row in matrix for value in row], n), len(matrix[0])
+    return [numbers[k : k + size] for k in range(0, len(numbers), size)]
 
 
 def _turned(coefficients: list, isometry: list) -> list:

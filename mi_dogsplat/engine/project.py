@@ -252,23 +252,23 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         antialiased: scale opacities by the area that the low-pass filter adds (Mip-Splatting's 2D filter).
     """
     n = dr.width(params["logit_opacities"])
-    index = dr.arange(mi.UInt32, n)
-    W = [camera.axis(k) for k in range(3)]
+    index, seen_by = dr.arange(mi.UInt32, n), camera.in_each_lane(n)
+    W = [seen_by.axis(k) for k in range(3)]
 
-    offset = camera.offset(rows(params["means"], 3, index))
+    offset = seen_by.offset(rows(params["means"], 3, index))
     direction = offset if camera.perspective else W[2]  # where rays are parallel, all are seen along the axis
     quats = read_rows(params["quats"], 4, 4, index)
     R = rotation_matrix(quats)
     log_scales = rows(params["log_scales"], 3, index)
     scales = [dr.exp(s) for s in log_scales]
     offset = _shifted(params, offset, direction, R, scales)
-    px, py, depth = (camera.turned(offset, axis) for axis in range(3))
+    px, py, depth = (seen_by.turned(offset, axis) for axis in range(3))
     visible = camera.in_range(depth)
     if camera.perspective:
-        x, y, JW = _through_pinhole(camera, W, px, py, depth, visible)
+        x, y, JW = _through_pinhole(seen_by, W, px, py, depth, visible)
     else:
-        x, y = dr.fma(camera.fx, px, camera.cx), dr.fma(camera.fy, py, camera.cy)
-        JW = [[camera.fx * W[0][c] for c in range(3)], [camera.fy * W[1][c] for c in range(3)]]
+        x, y = dr.fma(seen_by.fx, px, seen_by.cx), dr.fma(seen_by.fy, py, seen_by.cy)
+        JW = [[seen_by.fx * W[0][c] for c in range(3)], [seen_by.fy * W[1][c] for c in range(3)]]
 
     axes = [[JW[r][0] * R[0][c] + JW[r][1] * R[1][c] + JW[r][2] * R[2][c] for c in range(3)] for r in range(2)]
     log2_opacity = -LOG2_E * softplus(-params["logit_opacities"])

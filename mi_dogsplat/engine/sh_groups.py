@@ -88,7 +88,7 @@ def _of_rows(
     means: mi.Float, camera: DeviceCamera, index: mi.UInt32, coefficients: mi.Float, stride: int, used: int
 ) -> list:
     """Bands 1 to ``used`` of the rows of a group, of ``stride`` floats each: three channels of [M]; 0 out of sight."""
-    camera = camera.at(index)
+    camera = camera.at(index).in_each_lane(dr.width(index))
     direction = camera.offset(read_rows(means, 3, 3, index))
     visible = camera.in_range(camera.turned(direction, axis=2))
     basis = unit_basis(direction if camera.perspective else camera.rotation[2], used)[1:]

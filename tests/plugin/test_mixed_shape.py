@@ -102,6 +102,22 @@ def test_gradients_through_the_film_equal_differences_in_float64():
     assert_gradients_equal(got, expected)
 
 
+@pytest.mark.parametrize("name", ["splats.to_world", "sensor.to_world"])
+def test_derivatives_by_a_pose_are_those_of_the_model_padded_with_zeros(name):
+    """Whose lanes are primitives all along, while each group has its own."""
+    adjoint = np.random.default_rng(0).normal(size=(12, 16, 3)).astype(np.float32)
+    found = []
+    for splats in (mixed(10, seed=4, degree=3), mixed(10, seed=4, degree=3).uniform_sh()):
+        scene = scene_of(splats, CAMERA)
+        params: Any = mi.traverse(scene)
+        dr.enable_grad(params[name])
+        params.update()
+        dr.backward(dr.sum(mi.render(scene, params, spp=1) * mi.TensorXf(adjoint), axis=None))
+        found.append(dr.grad(params[name]).matrix.numpy().reshape(4, 4)[:3])
+    assert np.abs(found[1]).min(initial=1, where=found[1] != 0) > 1e-3
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-4, atol=1e-4 * np.abs(found[1]).max())
+
+
 def test_adam_finds_the_bands_of_every_group():
     splats = mixed(8, seed=3)
     target = mi.render(scene_of(splats, CAMERA))
