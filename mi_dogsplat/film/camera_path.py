@@ -13,6 +13,7 @@ from ..scene.cameras import Camera, inverse_rigid
 
 DEFAULT_SIZE = (1280, 720)  # pixels
 DEFAULT_SECONDS = 10.0
+DEFAULT_FPS = 30
 WHOLE = 1e-6  # of a frame: nothing, but for rounding
 DIGITS = 9  # of poses and lenses, that tell paths apart
 
@@ -45,6 +46,7 @@ class CameraPath:
         what: the way in words.
         seconds: how long it takes, if it says so.
         size: width and height of the pictures, if it says so.
+        fps: frames in a second, if it says so.
     """
 
     at: Callable[[float], Lens]
@@ -52,6 +54,7 @@ class CameraPath:
     what: str
     seconds: float | None = None
     size: tuple[int, int] | None = None
+    fps: int | None = None
 
     def frames(self, seconds: float | None, fps: float) -> tuple[int, float]:
         """(number of frames, how many steps between frames the way is long) of a film that takes so many seconds; None:

@@ -12,6 +12,7 @@ PATHS = ("auto", "orbit", "cameras")
 ONLY_FOR = {"elevation": "orbit", "zoom": "orbit", "smoothing": "cameras"}  # flags of one path
 PATH = "orbit, cameras (of the data or scene, smoothed), a JSON file of key frames, a .usd with a camera, or auto"
 SECONDS = "length of the film (default: 10, or what the key frames say)"
+FPS = "frames in a second (default: 30, or what the stage of --path says)"
 SIZE = "width and height in pixels (default: 1280 720, or as the cameras have it)"
 FOV = "field of view of the shorter side, in degrees (default: 40, or that of the cameras)"
 ELEVATION = "elevation of an orbit above the horizon, in degrees (default: 25, or as the cameras stand)"
@@ -27,7 +28,7 @@ class FilmConfig:
 
     path: Annotated[str, Setting(PATH, "NAME_or_FILE")] = "auto"
     seconds: Annotated[float | None, Setting(SECONDS, "S", least=1e-3, most=86_400)] = None
-    fps: Annotated[int, Setting("frames in a second", least=1, most=240)] = 30
+    fps: Annotated[int | None, Setting(FPS, least=1, most=240)] = None
     size: Annotated[tuple[int, int] | None, Setting(SIZE, "W H")] = None
     fov: Annotated[float | None, Setting(FOV, "DEGREES", least=0.1, most=170)] = None
     elevation: Annotated[float | None, Setting(ELEVATION, "DEGREES", least=-89, most=89)] = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,7 +16,7 @@ from ..scene.cameras import Camera
 from ..support.errors import DataError, undisguised, writing
 from ..support.pictures import write_png
 from ..support.wording import counted
-from .camera_path import DEFAULT_SIZE, CameraPath
+from .camera_path import DEFAULT_FPS, DEFAULT_SIZE, CameraPath
 from .film_config import FilmConfig
 from .output import Output
 from .pictures import NumberedPictures
@@ -29,11 +29,12 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class Film:
-    """What was made: ``n_frames`` of a size, along ``path`` in words."""
+    """What was made: ``n_frames`` of a size, ``fps`` of them in a second, along ``path`` in words."""
 
     n_frames: int
     size: tuple[int, int]
     path: str
+    fps: int
 
 
 class Frames(Protocol):
@@ -66,9 +67,10 @@ def record(
     """
     size = path.size or DEFAULT_SIZE
     size = config.size or (_even(size) if output.pictures is None else size)
-    n, steps = path.frames(config.seconds, config.fps)
+    fps = config.fps or path.fps or DEFAULT_FPS
+    n, steps = path.frames(config.seconds, fps)
     if n > MOST_FRAMES:
-        raise DataError("--seconds", f"{n / config.fps:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
+        raise DataError("--seconds", f"{n / fps:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
     require_memory(output.out, *size, output.suffix, "make them smaller by --size")
     what = f"{path.what}: {counted(n, 'frame')} of {size[0]} x {size[1]}"
     if output.pictures is None:
@@ -81,14 +83,14 @@ def record(
 
     settings = {}
     if output.pictures:  # read before anything is written, as it may fail
-        said = asdict(config) | {"path": Path(config.path).name}  # a file, wherever it is named from
+        said = asdict(replace(config, fps=fps)) | {"path": Path(config.path).name}  # a file, wherever it is named from
         settings = {**frames.settings(), "frames": n, **said, "size": size, "cameras_sha256": path.sha256(moments)}
     with undisguised(progress) as told, writing(output.out):
         if output.pictures is None:
-            _video(output.out, frames, cameras, n, size, config, lambda done: told(done, n, what))
+            _video(output.out, frames, cameras, n, size, fps, config.crf, lambda done: told(done, n, what))
         else:
             _pictures(output.pictures, frames, cameras, n, settings, lambda done: told(done, n, what))
-    return Film(n, size, path.what)
+    return Film(n, size, path.what, fps)
 
 
 def _video(
@@ -97,7 +99,8 @@ def _video(
     cameras: Callable[[int], list[Camera]],
     n: int,
     size: tuple[int, int],
-    config: FilmConfig,
+    fps: int,
+    crf: int,
     progress: Callable[[int], None],
 ) -> None:
     def images() -> Iterator[np.ndarray]:
@@ -109,7 +112,7 @@ def _video(
             progress(number + 1)
 
     with StopRequest() as stop:
-        write_video(out, images(), size, config.fps, config.crf)
+        write_video(out, images(), size, fps, crf)
 
 
 def _pictures(

@@ -65,5 +65,5 @@ def run(args: argparse.Namespace) -> None:
             require_no_scene_flags(args)
             made = make_film(args.model, args.out, args.data, config, options, bar.show)
     width, height = made.size
-    frames = f"{counted(made.n_frames, 'frame')} of {width} x {height}, {made.n_frames / config.fps:.4g} s"
+    frames = f"{counted(made.n_frames, 'frame')} of {width} x {height}, {made.n_frames / made.fps:.4g} s"
     print(f"{args.out}: {frames}; {made.path}")
