@@ -21,7 +21,7 @@ import numpy as np
 from ..scene.drawing import Drawing, drawing_of_extras
 from ..scene.scales import SMALLEST_SCALE
 from ..scene.splats import Array, Splats
-from ..support.errors import DAMAGED, DataError
+from ..support.errors import DataError
 from ..support.wording import counted, printable
 from .limits import in_proportion
 from .model import Model
@@ -47,29 +47,23 @@ NAMED = 200  # characters of a line about what is not there
 def read(path: Path) -> Model:
     """The Gaussians of a file, in RUB axes. Raises ``DataError``."""
     with opened(path) as stage:
-        try:
-            prims, lines = _shown(stage)
-            if not prims:
-                why = f" ({'; '.join(lines)})" if lines else ""
-                raise DataError(path, f"holds no prim {TYPE} that is shown{why}", "export it as Gaussians")
-            size = sum(layer.stat().st_size for layer in layers_of(stage) if layer.is_file())
-            found = list(in_proportion(_models(stage, prims), size))
-            require_alike(path, found)
-            model = in_one_place(found, RUB)
-            if metres := metres_of(stage):
-                model = replace(model, drawing=replace(model.drawing, scale=(model.drawing.scale or 1.0) * metres))
-        except DataError:
-            raise
-        except (ValueError, TypeError, LookupError, OverflowError) as error:
-            problem = f"is no OpenUSD of Gaussians ({type(error).__name__}: {error})"
-            raise DataError(path, problem, DAMAGED) from error
+        prims, lines = _shown(stage)
+        if not prims:
+            why = f" ({'; '.join(lines)})" if lines else ""
+            raise DataError(path, f"holds no prim {TYPE} that is shown{why}", "export it as Gaussians")
+        size = sum(layer.stat().st_size for layer in layers_of(stage) if layer.is_file())
+        found = list(in_proportion(_models(stage, prims), size))
+        require_alike(path, found)
+        model = in_one_place(found, RUB)
+        if metres := metres_of(stage):
+            model = replace(model, drawing=replace(model.drawing, scale=(model.drawing.scale or 1.0) * metres))
     return replace(model, left_out=(*model.left_out, *lines))
 
 
 def files_beside(path: Path) -> list[Path]:
     """The files, other than itself, that a file is made of: layers that it names. Raises ``DataError``."""
     with opened(path) as stage:
-        return [layer for layer in layers_of(stage) if layer != path.resolve()]
+        return [layer for layer in layers_of(stage) if layer.resolve() != path.resolve()]  # a folder may be a link
 
 
 def place_of(stage: Usd.Stage, means: Array) -> Array | None:
@@ -84,17 +78,21 @@ def place_of(stage: Usd.Stage, means: Array) -> Array | None:
     held = _column(prims[0], "positions", 3) if len(prims) == 1 else None
     if held is None or len(held) != len(means):
         return None
-    size = np.median(np.abs(means - np.median(means, axis=0)).max(axis=1))
-    if not np.median(np.abs(held - means).max(axis=1)) <= NEAR * size:
+    place = upright(stage) @ world_of(prims[0], UsdGeom.XformCache(FIRST))
+    size, off, off_there = (
+        np.median(np.abs(means - centres).max(axis=1))
+        for centres in (np.median(means, axis=0), held, held @ place[:3, :3].T + place[:3, 3])
+    )
+    if not off <= NEAR * size or off_there < off:  # what was read from the stage has been moved to its place by then
         return None
-    return upright(stage) @ world_of(prims[0], UsdGeom.XformCache(FIRST))
+    return place
 
 
 def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:
     """The prims of Gaussians that a picture shows, and a line for each thing that is left out."""
     from pxr import Usd, UsdGeom
 
-    shown, hidden, instancers = [], 0, 0
+    shown, hidden, instancers = [], [], 0
     prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)))
     for prim in prims:
         if prim.IsA(UsdGeom.PointInstancer):  # its prototypes are below it, and are not shown by themselves
@@ -103,20 +101,20 @@ def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:
         elif prim.GetTypeName() == TYPE:
             seen = UsdGeom.Imageable(prim)
             if seen.ComputeVisibility(FIRST) == UsdGeom.Tokens.invisible or seen.ComputePurpose() in HIDDEN:
-                hidden += 1
+                hidden.append(prim)
             else:
                 shown.append(prim)
-    lines = [f"{counted(hidden, 'prim')} not shown"] * bool(hidden)
+    lines = [f"{counted(len(hidden), 'prim')} not shown"] * bool(hidden)
     lines += [f"Gaussians of {counted(instancers, 'point instancer')}"] * bool(instancers)
     if broken := stage.GetCompositionErrors():
         lines.append(f"what cannot be found or read: {printable(' '.join(str(broken[0]).split()))[:NAMED]}")
-    if any(_changes(prim) for prim in shown):
+    if any(_changes(prim) for prim in (*shown, *hidden)):
         lines.append("what changes with time: the first moment is taken")
     return shown, lines
 
 
 def _changes(prim: Usd.Prim) -> bool:
-    """Whether the Gaussians of a prim, or their place, are others at another time."""
+    """Whether the Gaussians of a prim, their place, or whether they are shown, are others at another time."""
     from pxr import UsdGeom
 
     if any(attribute.ValueMightBeTimeVarying() for attribute in prim.GetAuthoredAttributes()):
@@ -124,6 +122,8 @@ def _changes(prim: Usd.Prim) -> bool:
     place: Any = prim
     while place and not place.IsPseudoRoot():
         if UsdGeom.Xformable(place) and UsdGeom.Xformable(place).TransformMightBeTimeVarying():
+            return True
+        if UsdGeom.Imageable(place) and UsdGeom.Imageable(place).GetVisibilityAttr().ValueMightBeTimeVarying():
             return True
         place = place.GetParent()
     return False
@@ -153,7 +153,8 @@ def _of_prim(prim: Usd.Prim) -> Model:
         return np.tile(np.array(usual, np.float32), (n, 1, 1))
 
     degree = prim.GetAttribute(DEGREE)
-    degree = int(degree.Get()) if degree and degree.HasAuthoredValue() else USUAL_DEGREE
+    degree = degree.Get(FIRST) if degree and degree.HasAuthoredValue() else None  # some programs sample all there is
+    degree = USUAL_DEGREE if degree is None else int(degree)
     if degree < 0:
         raise ValueError(f"its spherical harmonics have degree {degree}")
     coefficients = of_each(COEFFICIENTS, 3, GREY, (degree + 1) ** 2)
@@ -179,7 +180,10 @@ def _column(prim: Usd.Prim, name: str, width: int) -> Array | None:
         attribute = prim.GetAttribute(each)
         value = attribute.Get(FIRST) if attribute and attribute.HasAuthoredValue() else None
         if value is not None:
-            return np.array(value, np.float32).reshape(len(value), width)
+            rows = np.array(value, np.float32)
+            if rows.ndim != 1 + (width > 1) or rows.size != len(rows) * width:
+                raise ValueError(f"{prim.GetPath()}.{each} has no rows of {counted(width, 'number')}")
+            return rows.reshape(-1, width)
     return None
 
 

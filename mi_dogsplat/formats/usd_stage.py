@@ -9,6 +9,7 @@ for classes of the schemas of particle fields, which OpenUSD has had since 26.03
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import struct
@@ -62,17 +63,35 @@ def is_usd(head: bytes) -> bool:
 def opened(path: Path) -> Iterator[Usd.Stage]:
     """The stage of a file. Raises ``DataError`` for what the library cannot read, in this or while it is looked at."""
     require_package(path)
-    from pxr import Tf, Usd, UsdUtils
+    from pxr import Usd
+
+    with looked_at(path):
+        _require_sound(path)
+        with _named_by_content(path) as named:
+            stage = Usd.Stage.Open(os.path.abspath(named))
+            for layer in stage.GetUsedLayers():  # the library keeps those that anybody has open, as they were then
+                if not layer.dirty:
+                    layer.Reload()
+            yield stage
+
+
+@contextmanager
+def looked_at(path: Path) -> Iterator[None]:
+    """While the stage of a file is looked at: the library prints nothing, and what is wrong becomes ``DataError``."""
+    from pxr import Tf, UsdUtils
 
     unheard = UsdUtils.CoalescingDiagnosticDelegate()  # what the library would print
     try:
-        _require_sound(path)
-        with _named_by_content(path) as named:
-            yield Usd.Stage.Open(os.path.abspath(named))
+        yield
+    except DataError:
+        raise
     except Tf.ErrorException as error:
         raise DataError(path, f"cannot be read as OpenUSD ({_reason(error)})", DAMAGED) from error
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+    except (ValueError, TypeError, LookupError, OverflowError) as error:
+        problem = f"is no OpenUSD that can be used ({error})"
+        raise DataError(path, problem, "mend that, or copy or export it again") from error
     finally:
         del unheard
 
@@ -141,17 +160,22 @@ def layers_of(stage: Usd.Stage) -> list[Path]:
 
 
 def upright(stage: Usd.Stage) -> Array:
-    """The matrix [4, 4] from the axes of a stage to x right, y up, z back."""
+    """The matrix [4, 4] from the axes of a stage to x right, y up, z back. Raises ``ValueError``."""
     from pxr import UsdGeom
 
-    return TURNS[str(UsdGeom.GetStageUpAxis(stage))]
+    axis = str(UsdGeom.GetStageUpAxis(stage))
+    if axis not in TURNS:
+        raise ValueError(f"its upAxis is {axis}, neither Y nor Z")
+    return TURNS[axis]
 
 
 def metres_of(stage: Usd.Stage) -> float | None:
-    """Metres of a unit, where a stage says so and says more than that a unit is a metre."""
+    """Metres of a unit, where a stage says so and says more than that a unit is a metre. Raises ``ValueError``."""
     from pxr import UsdGeom
 
     metres = UsdGeom.GetStageMetersPerUnit(stage) if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else 1.0
+    if not 0 < metres < math.inf:
+        raise ValueError(f"its metersPerUnit is {metres:g}, not above zero and finite")
     return None if metres == 1.0 else metres
 
 
