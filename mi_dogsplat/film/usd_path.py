@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import re
 import stat
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,7 +72,7 @@ def usd_path(text: str, model: Model | None, fov: float | None) -> CameraPath:
 def _path(path: Path, stage: Usd.Stage, prim: Usd.Prim, model: Model | None, fov: float | None) -> CameraPath:
     from pxr import UsdGeom
 
-    to_model, name = _to_model(path, stage, model), prim.GetPath()
+    to_model_at, name = _to_model(path, stage, model), prim.GetPath()
     start, end = _time(stage, prim)
     seconds = (end - start) / _rate(path, stage)
 
@@ -88,8 +89,9 @@ def _path(path: Path, stage: Usd.Stage, prim: Usd.Prim, model: Model | None, fov
         return lens
 
     def at(share: float) -> Lens:
+        time = start + share * (end - start)
         with looked_at(path):  # it is asked for frames when the stage was opened long ago
-            lens = seen(start + share * (end - start))
+            lens, to_model = seen(time), to_model_at(time)
         side = _shorter_side(lens, size)
         offset = (-lens.horizontalApertureOffset / side, lens.verticalApertureOffset / side)
         c2w = to_model @ np.array(lens.transform).T @ RDF
@@ -167,22 +169,33 @@ def _shorter_side(lens: Gf.Camera, size: tuple[int, int]) -> float:
     return min(size) * max(lens.horizontalAperture / across, lens.verticalAperture / down)
 
 
-def _to_model(path: Path, stage: Usd.Stage, model: Model | None) -> np.ndarray:
-    """The matrix [4, 4] from the coordinates of a stage to the numbers of a model."""
-    if model is None:
-        return np.eye(4)
-    place = place_of(stage, model.splats.means * np.array(RUB[0], np.float32))
+def _to_model(path: Path, stage: Usd.Stage, model: Model | None) -> Callable[[float], np.ndarray]:
+    """The matrix [4, 4], at a time code, from the coordinates of a stage to the numbers of a model."""
+    place = None if model is None else place_of(stage, model.splats.means * np.array(RUB[0], np.float32))
     if place is None:
-        metres = np.diag([*[metres_of(stage) or 1.0] * 3, 1.0])
-        return RDF @ np.linalg.inv(placing(model.drawing, RUB)) @ metres @ upright(stage)
+        fixed = np.eye(4)
+        if model is not None:
+            metres = np.diag([*[metres_of(stage) or 1.0] * 3, 1.0])
+            fixed = RDF @ np.linalg.inv(placing(model.drawing, RUB)) @ metres @ upright(stage)
+        return lambda _: fixed
+
+    def to_model(time: float) -> np.ndarray:
+        matrix = place(time)
+        if not _keeps_shapes(matrix):  # no camera sees the file itself so
+            remedy = f"film what it shows: dogsplat film {path} --path {path}"
+            raise DataError(path, "stretches or mirrors the model", remedy)
+        return RDF @ np.linalg.inv(matrix) @ upright(stage)
+
+    return to_model
+
+
+def _keeps_shapes(matrix: np.ndarray) -> bool:
+    """Whether a matrix [4, 4] only turns, moves and scales."""
     try:
-        isometry, _, _ = decompose_similarity(place)
+        isometry, _, _ = decompose_similarity(matrix)
     except ValueError:
-        isometry = -np.eye(3)
-    if np.linalg.det(isometry) < 0:  # no camera sees the file itself so
-        remedy = f"film what it shows: dogsplat film {path} --path {path}"
-        raise DataError(path, "stretches or mirrors the model", remedy)
-    return RDF @ np.linalg.inv(place) @ upright(stage)
+        return False
+    return bool(np.linalg.det(isometry) > 0)
 
 
 def _rotation(path: Path, name: object, matrix: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ not there, as the schema says.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -66,9 +66,9 @@ def files_beside(path: Path) -> list[Path]:
         return [layer for layer in layers_of(stage) if layer.resolve() != path.resolve()]  # a folder may be a link
 
 
-def place_of(stage: Usd.Stage, means: Array) -> Array | None:
-    """The matrix [4, 4] from a model with these centres [N, 3], in RUB axes, to x right, y up, z back of a stage that
-    shows it; None where it does not, or shows other Gaussians, too.
+def place_of(stage: Usd.Stage, means: Array) -> Callable[[float], Array] | None:
+    """The matrix [4, 4], at a time code, from a model with these centres [N, 3], in RUB axes, to x right, y up, z back
+    of a stage that shows it; None where it does not, or shows other Gaussians, too.
 
     It is the model if there are as many primitives, and near: a file may be refined, or rounded.
     """
@@ -78,10 +78,15 @@ def place_of(stage: Usd.Stage, means: Array) -> Array | None:
     held = _column(prims[0], "positions", 3) if len(prims) == 1 else None
     if held is None or len(held) != len(means):
         return None
-    place = upright(stage) @ world_of(prims[0], UsdGeom.XformCache(FIRST))
+    name = prims[0].GetPath()  # a prim alone does not keep its stage
+
+    def place(time: float) -> Array:
+        return upright(stage) @ world_of(stage.GetPrimAtPath(name), UsdGeom.XformCache(time))
+
+    first = place(FIRST)
     size, off, off_there = (
         np.median(np.abs(means - centres).max(axis=1))
-        for centres in (np.median(means, axis=0), held, held @ place[:3, :3].T + place[:3, 3])
+        for centres in (np.median(means, axis=0), held, held @ first[:3, :3].T + first[:3, 3])
     )
     if not off <= NEAR * size or off_there < off:  # what was read from the stage has been moved to its place by then
         return None

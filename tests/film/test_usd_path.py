@@ -197,6 +197,20 @@ def test_a_model_that_a_stage_mirrors_or_stretches_is_filmed_as_the_stage(stage,
     )
 
 
+def test_a_model_on_a_turntable_turns_before_the_camera(stage, tmp_path):
+    write_model(tmp_path / "a.usdc", Model(MODEL))
+    place = UsdGeom.Xform.Define(stage, "/Set")
+    place.GetPrim().GetReferences().AddReference("./a.usdc")
+    turn = place.AddRotateYOp()
+    turn.Set(0.0, 1)
+    turn.Set(180.0, 25)
+    path = saved(stage, Model(MODEL))
+    for share in (0.0, 0.3):
+        time = 1 + share * 24
+        world = MODEL.means * [1, -1, -1] @ np.array(place.GetLocalTransformation(time))[:3, :3]  # for rows
+        np.testing.assert_allclose(by_us(path, share, MODEL.means), by_the_library(stage, time, world), atol=0.01)
+
+
 def test_a_stage_that_hardly_moves_its_model_does_not_move_it_twice(stage, tmp_path):
     write_model(tmp_path / "a.usdc", Model(MODEL))
     place = UsdGeom.Xform.Define(stage, "/Set")

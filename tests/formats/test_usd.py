@@ -12,7 +12,7 @@ import pytest
 from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.formats import limits, usd_stage
 from mi_dogsplat.formats.packing import RUB, turned, unit_quats
-from mi_dogsplat.formats.read import size_of
+from mi_dogsplat.formats.read import read_source, size_of
 from mi_dogsplat.formats.upright import upright
 from mi_dogsplat.scene.orientation import up_vector
 from mi_dogsplat.scene.transform import transformed
@@ -212,6 +212,14 @@ def test_models_that_are_repeated_claim_all_of_their_memory(tmp_path, file, monk
     monkeypatch.setattr(limits, "FREE", 4 * one - 1)
     with pytest.raises(DataError, match="repeat more primitives"):
         read_model(tmp_path / "set.usda")
+
+
+def test_a_layer_of_a_model_is_not_written_over_by_what_is_made_of_it(tmp_path, file):
+    stage = a_stage(tmp_path / "set.usda")
+    referencing(stage, "/Set", file)
+    stage.Save()
+    with pytest.raises(DataError, match="a.usda: is the model itself, or a part of it, which would be lost; name"):
+        read_source(tmp_path / "set.usda", file, "clean")
 
 
 def test_the_bytes_of_a_model_are_those_of_all_its_layers(tmp_path, file):
