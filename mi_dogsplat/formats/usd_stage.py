@@ -9,6 +9,7 @@ for classes of the schemas of particle fields, which OpenUSD has had since 26.03
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import shutil
@@ -226,18 +227,32 @@ def write_stage(path: Path, stage: Usd.Stage) -> None:
 
     Raises ``DataError``.
     """
-    from pxr import Sdf
+    from pxr import Tf
 
     suffix = next(name for name in reversed(NAMES) if path.name.lower().endswith(name))
     with writing(path):
         path.parent.stat()  # a folder that is missing is a typing error: none is made
         with replacing(path) as part, TemporaryDirectory(dir=part.parent, prefix=".usd.") as folder:
-            made = Path(folder) / f"model{BINARY if suffix == PACKAGE else suffix}"
-            stage.GetRootLayer().Export(str(made))
-            if suffix == PACKAGE:
-                os.utime(made, (time.mktime(SAVED), time.mktime(SAVED)))
-                package = Sdf.ZipFileWriter.CreateNew(str(made.with_suffix(PACKAGE)))
-                package.AddFile(str(made), made.name)
-                package.Save()
-                made = made.with_suffix(PACKAGE)
+            try:
+                made = _saved(stage, Path(folder), suffix)
+            except Tf.ErrorException as error:  # as of a disk that is full
+                raise OSError(errno.EIO, _reason(error)) from error
             shutil.move(made, part)
+
+
+def _saved(stage: Usd.Stage, folder: Path, suffix: str) -> Path:
+    """The file in a folder that a stage has been written to. Raises ``OSError``, and errors of the library."""
+    from pxr import Sdf
+
+    made = folder / f"model{BINARY if suffix == PACKAGE else suffix}"
+    stage.GetRootLayer().Export(str(made))
+    if suffix != PACKAGE:
+        return made
+    os.utime(made, (time.mktime(SAVED), time.mktime(SAVED)))
+    package = Sdf.ZipFileWriter.CreateNew(str(made.with_suffix(PACKAGE)))
+    package.AddFile(str(made), made.name)
+    package.Save()
+    made = made.with_suffix(PACKAGE)
+    if not zipfile.is_zipfile(made):  # its end is missing: of a full disk the library says nothing here
+        raise OSError(errno.EIO, "the package is not complete")
+    return made

@@ -3,6 +3,7 @@
 # pyright: reportAttributeAccessIssue=false
 # (the library has no types)
 
+import resource
 import struct
 import zipfile
 
@@ -523,3 +524,18 @@ def test_a_folder_that_is_missing_or_full_keeps_what_was_there(tmp_path, file, m
     with pytest.raises(DataError, match="a.usda: .*No space left"):
         write_model(file, Model(MODEL.select(np.arange(3))))
     assert file.read_bytes() == held and [path.name for path in tmp_path.iterdir()] == ["a.usda"]
+
+
+@pytest.mark.parametrize(("suffix", "more"), [(".usda", 0), (".usdc", -50), (".usdz", -50), (".usdz", 50)])
+def test_what_the_library_cannot_write_is_one_line(tmp_path, capfd, suffix, more):
+    """As where a disk is full; at the end the package, and not what lies in it."""
+    write_model(tmp_path / "a.usdc", Model(MODEL))
+    most = (tmp_path / "a.usdc").stat().st_size + more
+    limits_before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, limits_before[1]))
+    try:
+        with pytest.raises(DataError, match=f"b{suffix}: cannot be written .*(too large|not complete)"):
+            write_model(tmp_path / f"b{suffix}", Model(MODEL))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits_before)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.usdc"] and capfd.readouterr() == ("", "")
