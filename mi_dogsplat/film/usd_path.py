@@ -23,7 +23,7 @@ from ..formats.model import Model
 from ..formats.packing import RUB
 from ..formats.placed import placing
 from ..formats.usd_read import place_of
-from ..formats.usd_stage import NAMES, looked_at, metres_of, opened, upright
+from ..formats.usd_stage import NAMES, looked_at, metres_of, missing, opened, upright
 from ..scene.cameras import affine
 from ..scene.transform import decompose_similarity
 from ..support.errors import DataError
@@ -110,11 +110,12 @@ def _camera(path: Path, stage: Usd.Stage, name: str | None) -> Usd.Prim:
 
     prims = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
     cameras = {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Camera)}
+    why = "".join(f" ({line})" for line in missing(stage))
     if not cameras:
-        raise DataError(path, "has no camera", "export the camera of the scene with it")
+        raise DataError(path, f"has no camera{why}", "export the camera of the scene with it")
     known = ", ".join([*cameras][:MOST_NAMES]) + (", ..." if len(cameras) > MOST_NAMES else "")
     if name is not None and name not in cameras:
-        raise DataError(path, f"has no camera {name}", f"name one of its own: {known}")
+        raise DataError(path, f"has no camera {name}{why}", f"name one of its own: {known}")
     if name is None and len(cameras) > 1:
         raise DataError(path, f"has several cameras: {known}", f"name one: --path {path}:{next(iter(cameras))}")
     return cameras[name or next(iter(cameras))]

@@ -22,12 +22,12 @@ from ..scene.drawing import Drawing, drawing_of_extras
 from ..scene.scales import SMALLEST_SCALE
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError
-from ..support.wording import counted, printable
+from ..support.wording import counted
 from .limits import in_proportion
 from .model import Model
 from .packing import RUB, logits
 from .placed import in_one_place, require_alike
-from .usd_stage import layers_of, metres_of, opened, upright, world_of
+from .usd_stage import layers_of, metres_of, missing, opened, upright, world_of
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -41,7 +41,6 @@ HIDDEN = ("guide", "proxy")  # purposes of what no picture shows
 GREY = [0.0, 0.0, 0.0]  # coefficients of a colour of one half
 FIRST = -sys.float_info.max  # the time code that the library calls the earliest
 NEAR = 0.01  # of the size of a model: the median by which centres of the same one may differ
-NAMED = 200  # characters of a line about what is not there
 
 
 def read(path: Path) -> Model:
@@ -111,8 +110,7 @@ def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:
                 shown.append(prim)
     lines = [f"{counted(len(hidden), 'prim')} not shown"] * bool(hidden)
     lines += [f"Gaussians of {counted(instancers, 'point instancer')}"] * bool(instancers)
-    if broken := stage.GetCompositionErrors():
-        lines.append(f"what cannot be found or read: {printable(' '.join(str(broken[0]).split()))[:NAMED]}")
+    lines += missing(stage)
     if any(_changes(prim) for prim in (*shown, *hidden)):
         lines.append("what changes with time: the first moment is taken")
     return shown, lines

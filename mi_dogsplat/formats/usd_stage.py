@@ -27,6 +27,7 @@ import numpy as np
 from ..scene.splats import Array
 from ..support.errors import DAMAGED, DataError, writing
 from ..support.files import replacing
+from ..support.wording import printable
 from .usd_crate import require_sound
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ TURNS = {  # what is right, up and back in a stage, from its own axes, by what i
     "Y": np.eye(4),
     "Z": np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]),
 }
+NAMED = 200  # characters of a line about what is not there
 ARGUMENTS = ":SDF_FORMAT_ARGS:"  # what the library takes the rest of a name for
 SAVED = (1980, 1, 1, 0, 0, 0, 0, 0, -1)  # local time, which a package says of its file: equal models are equal files
 
@@ -142,7 +144,8 @@ def _named_by_content(path: Path) -> Iterator[Path]:
     with path.open("rb") as file:
         head = file.read(len(MAGICS[0]))
     kind = PACKAGE if head.startswith(ZIP) else BINARY if head == MAGICS[0] else TEXT
-    well_named = path.name.lower().endswith((kind, *NAMES[:1] * (kind != PACKAGE))) and ARGUMENTS not in str(path)
+    well_named = path.name.lower().endswith((kind, *NAMES[:1] * (kind != PACKAGE)))
+    well_named = well_named and ARGUMENTS not in os.path.abspath(path)
     if well_named or not head.startswith((*MAGICS, ZIP)):
         yield path
         return
@@ -158,6 +161,12 @@ def layers_of(stage: Usd.Stage) -> list[Path]:
     inside = Ar.IsPackageRelativePath
     files = (Ar.SplitPackageRelativePathOuter(path)[0] if inside(path) else path for path in paths)
     return list(dict.fromkeys(Path(file) for file in files if file))
+
+
+def missing(stage: Usd.Stage) -> list[str]:
+    """A line about the first thing that a stage names and that cannot be found or read; none where all is there."""
+    broken = stage.GetCompositionErrors()[:1]
+    return [f"what cannot be found or read: {printable(' '.join(str(error).split()))[:NAMED]}" for error in broken]
 
 
 def upright(stage: Usd.Stage) -> Array:

@@ -246,6 +246,16 @@ def test_what_breaks_while_a_film_is_made_is_one_line(stage, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_camera_whose_layer_is_missing_says_so(tmp_path, capfd):
+    layer = Usd.Stage.CreateNew(str(tmp_path / "set.usda"))
+    layer.GetRootLayer().subLayerPaths.append("./camera.usda")
+    capfd.readouterr()  # the library complains of the last line
+    with pytest.raises(
+        DataError, match="set.usda: has no camera .what cannot be found or read: .*camera.usda.*; export"
+    ):
+        saved(layer)
+
+
 def _orthographic(camera):
     camera.CreateProjectionAttr("orthographic")
 

@@ -481,6 +481,14 @@ def test_names_are_only_names(tmp_path, name):
     assert_same(read_model(tmp_path / name).splats, MODEL)
 
 
+def test_names_of_folders_are_only_names(tmp_path, monkeypatch):
+    folder = tmp_path / "a.usdz[b]:SDF_FORMAT_ARGS:x=1"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    write_model("a.usdc", Model(MODEL))
+    assert_same(read_model("a.usdc").splats, MODEL)
+
+
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
 def test_a_file_that_is_written_anew_is_read_anew_while_others_have_it_open(tmp_path, suffix):
     """The library keeps layers by their names; a notebook keeps the stage of an error."""
