@@ -10,7 +10,10 @@ interpolates, as all programs that use it.
 
 from __future__ import annotations
 
+import math
 import re
+import stat
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,8 +23,9 @@ from ..formats.model import Model
 from ..formats.packing import RUB
 from ..formats.placed import placing
 from ..formats.usd_read import place_of
-from ..formats.usd_stage import NAMES, metres_of, opened, upright
+from ..formats.usd_stage import NAMES, looked_at, metres_of, missing, opened, upright
 from ..scene.cameras import affine
+from ..scene.transform import decompose_similarity
 from ..support.errors import DataError
 from .camera_path import DEFAULT_SIZE, CameraPath, Lens, focal_of_fov
 
@@ -56,41 +60,48 @@ def usd_path(text: str, model: Model | None, fov: float | None) -> CameraPath:
     assert found
     path, name = Path(found[1]), found[2]
     try:
-        path.stat()
+        regular = stat.S_ISREG(path.stat().st_mode)
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+    if not regular:  # opening a pipe would wait for ever
+        raise DataError(path, "is no regular file", "give the path of an OpenUSD stage")
     with opened(path) as stage:
         return _path(path, stage, _camera(path, stage, name), model, fov)
 
 
 def _path(path: Path, stage: Usd.Stage, prim: Usd.Prim, model: Model | None, fov: float | None) -> CameraPath:
-    from pxr import Gf, UsdGeom
+    from pxr import UsdGeom
 
-    to_model, name = _to_model(stage, model), prim.GetPath()
+    to_model_at, name = _to_model(path, stage, model), prim.GetPath()
     start, end = _time(stage, prim)
+    seconds = (end - start) / _rate(path, stage)
 
     def seen(time: float) -> Gf.Camera:
-        lens = UsdGeom.Camera(stage.GetPrimAtPath(name)).GetCamera(time)  # a prim alone does not keep its stage
-        if lens.projection != Gf.Camera.Perspective:
-            raise DataError(path, f"the camera {name} is orthographic", "name one with a perspective")
+        camera = UsdGeom.Camera(stage.GetPrimAtPath(name))  # a prim alone does not keep its stage
+        projection = camera.GetProjectionAttr().Get(time)
+        if projection != UsdGeom.Tokens.perspective:
+            raise DataError(path, f"the camera {name} is {projection}", "name one with a perspective")
+        lens = camera.GetCamera(time)
         sides = (lens.horizontalAperture, lens.verticalAperture, lens.focalLength)
-        if not all(np.isfinite(side) and side > 0 for side in sides):
+        offsets = (lens.horizontalApertureOffset, lens.verticalApertureOffset)
+        if not (np.isfinite([*sides, *offsets]).all() and min(sides) > 0):
             raise DataError(path, f"the camera {name} has no lens", "give it a focal length and an aperture")
         return lens
 
     def at(share: float) -> Lens:
-        lens = seen(start + share * (end - start))
-        side = min(lens.horizontalAperture, lens.verticalAperture)
+        time = start + share * (end - start)
+        with looked_at(path):  # it is asked for frames when the stage was opened long ago
+            lens, to_model = seen(time), to_model_at(time)
+        side = _shorter_side(lens, size)
         offset = (-lens.horizontalApertureOffset / side, lens.verticalApertureOffset / side)
         c2w = to_model @ np.array(lens.transform).T @ RDF
         focal = lens.focalLength / side if fov is None else focal_of_fov(fov)
         return Lens(affine(_rotation(path, name, c2w[:3, :3]), c2w[:3, 3]), focal, offset)
 
+    size = _size(stage, seen(start))
     for share in (0.0, 1.0):
         at(share)  # what is wrong with it is said before a film begins
-    seconds = (end - start) / stage.GetTimeCodesPerSecond() or None
-    what = f"camera {name} of {path.name}"
-    return CameraPath(at, False, what, seconds, _size(stage, seen(start)))
+    return CameraPath(at, False, f"camera {name} of {path.name}", seconds or None, size)
 
 
 def _camera(path: Path, stage: Usd.Stage, name: str | None) -> Usd.Prim:
@@ -99,30 +110,42 @@ def _camera(path: Path, stage: Usd.Stage, name: str | None) -> Usd.Prim:
 
     prims = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
     cameras = {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Camera)}
+    why = "".join(f" ({line})" for line in missing(stage))
     if not cameras:
-        raise DataError(path, "has no camera", "export the camera of the scene with it")
+        raise DataError(path, f"has no camera{why}", "export the camera of the scene with it")
     known = ", ".join([*cameras][:MOST_NAMES]) + (", ..." if len(cameras) > MOST_NAMES else "")
     if name is not None and name not in cameras:
-        raise DataError(path, f"has no camera {name}", f"name one of its own: {known}")
+        raise DataError(path, f"has no camera {name}{why}", f"name one of its own: {known}")
     if name is None and len(cameras) > 1:
         raise DataError(path, f"has several cameras: {known}", f"name one: --path {path}:{next(iter(cameras))}")
     return cameras[name or next(iter(cameras))]
 
 
 def _time(stage: Usd.Stage, prim: Usd.Prim) -> tuple[float, float]:
-    """The first and the last time code: those of the stage, else those between which the camera changes."""
+    """The first and the last time code: those of the stage, where it has more than one frame, else those between which
+    the camera changes."""
     from pxr import UsdGeom
 
-    if stage.HasAuthoredTimeCodeRange():
-        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    else:
-        times = {time for attribute in prim.GetAuthoredAttributes() for time in attribute.GetTimeSamples()}
-        place = prim
-        while place and not place.IsPseudoRoot():
-            times |= set(UsdGeom.Xformable(place).GetTimeSamples() if UsdGeom.Xformable(place) else ())
-            place = place.GetParent()
-        first, last = (min(times), max(times)) if times else (0.0, 0.0)
-    return first, max(first, last)
+    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    if stage.HasAuthoredTimeCodeRange() and -math.inf < first < last < math.inf:
+        return first, last
+    times = {time for attribute in prim.GetAuthoredAttributes() for time in attribute.GetTimeSamples()}
+    place = prim
+    while place and not place.IsPseudoRoot():
+        hung = UsdGeom.Xformable(place)
+        times |= set(hung.GetTimeSamples() if hung else ())
+        if hung and hung.GetResetXformStack():  # what is above it does not move it
+            break
+        place = place.GetParent()
+    return (min(times), max(times)) if times else (0.0, 0.0)
+
+
+def _rate(path: Path, stage: Usd.Stage) -> float:
+    """Time codes of a second."""
+    rate = stage.GetTimeCodesPerSecond()
+    if not 0 < rate < math.inf:
+        raise DataError(path, f"its timeCodesPerSecond is {rate:g}", "give it a number above zero, such as 24")
+    return rate
 
 
 def _size(stage: Usd.Stage, lens: Gf.Camera) -> tuple[int, int]:
@@ -137,15 +160,43 @@ def _size(stage: Usd.Stage, lens: Gf.Camera) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def _to_model(stage: Usd.Stage, model: Model | None) -> np.ndarray:
-    """The matrix [4, 4] from the coordinates of a stage to the numbers of a model."""
-    if model is None:
-        return np.eye(4)
-    place = place_of(stage, model.splats.means * np.array(RUB[0], np.float32))
+def _shorter_side(lens: Gf.Camera, size: tuple[int, int]) -> float:
+    """How much the shorter side of a picture of this size shows of an aperture, in its unit.
+
+    All of the aperture is seen, and more at two sides where a picture has other proportions: ``expandAperture``, which
+    is what render settings do that say nothing.
+    """
+    across, down = size
+    return min(size) * max(lens.horizontalAperture / across, lens.verticalAperture / down)
+
+
+def _to_model(path: Path, stage: Usd.Stage, model: Model | None) -> Callable[[float], np.ndarray]:
+    """The matrix [4, 4], at a time code, from the coordinates of a stage to the numbers of a model."""
+    place = None if model is None else place_of(stage, model.splats.means * np.array(RUB[0], np.float32))
     if place is None:
-        metres = np.diag([*[metres_of(stage) or 1.0] * 3, 1.0])
-        return RDF @ np.linalg.inv(placing(model.drawing, RUB)) @ metres @ upright(stage)
-    return RDF @ np.linalg.inv(place) @ upright(stage)
+        fixed = np.eye(4)
+        if model is not None:
+            metres = np.diag([*[metres_of(stage) or 1.0] * 3, 1.0])
+            fixed = RDF @ np.linalg.inv(placing(model.drawing, RUB)) @ metres @ upright(stage)
+        return lambda _: fixed
+
+    def to_model(time: float) -> np.ndarray:
+        matrix = place(time)
+        if not _keeps_shapes(matrix):  # no camera sees the file itself so
+            remedy = f"film what it shows: dogsplat film {path} --path {path}"
+            raise DataError(path, "stretches or mirrors the model", remedy)
+        return RDF @ np.linalg.inv(matrix) @ upright(stage)
+
+    return to_model
+
+
+def _keeps_shapes(matrix: np.ndarray) -> bool:
+    """Whether a matrix [4, 4] only turns, moves and scales."""
+    try:
+        isometry, _, _ = decompose_similarity(matrix)
+    except ValueError:
+        return False
+    return bool(np.linalg.det(isometry) > 0)
 
 
 def _rotation(path: Path, name: object, matrix: np.ndarray) -> np.ndarray:

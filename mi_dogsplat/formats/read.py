@@ -48,8 +48,13 @@ def read_model(path: str | Path, finite: bool = True) -> Model:
 
 
 def size_of(path: Path) -> int:
-    """Bytes of the file of a model that was read, and of the files beside it that it names: the pictures of a SOG that
-    is no bundle, the buffers of a .gltf, the layers of an OpenUSD. Raises ``OSError``."""
+    """Bytes of the files of a model that was read. Raises ``OSError``."""
+    return sum(file.stat().st_size for file in _files_of(path))
+
+
+def _files_of(path: Path) -> list[Path]:
+    """The file of a model that was read, and the files beside it that it names: the pictures of a SOG that is no
+    bundle, the buffers of a .gltf, the layers of an OpenUSD. Raises ``OSError``."""
     chosen, beside = format_of(path), []
     if chosen is SOG:
         beside = sog_read.files_beside(path)
@@ -57,7 +62,7 @@ def size_of(path: Path) -> int:
         beside = gltf_container.Container.open(path).files_beside()
     elif chosen is USD:
         beside = usd_read.files_beside(path)
-    return sum(file.stat().st_size for file in (path, *beside) if file.is_file())
+    return [file for file in (path, *beside) if file.is_file()]
 
 
 def read_source(path: Path, out: Path, verb: str, finite: bool = True) -> Model:
@@ -70,8 +75,8 @@ def read_source(path: Path, out: Path, verb: str, finite: bool = True) -> Model:
     Raises ``DataError``.
     """
     model = read_model(path, finite)
-    if out.exists() and out.samefile(path):
-        raise DataError(out, "is the model itself, which would be lost", "name another file")
+    if out.exists() and any(out.samefile(file) for file in _files_of(path)):
+        raise DataError(out, "is the model itself, or a part of it, which would be lost", "name another file")
     require_primitives(path, model, verb)
     require_writable(out)
     return model

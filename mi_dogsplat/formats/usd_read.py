@@ -11,7 +11,7 @@ not there, as the schema says.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,13 +21,13 @@ import numpy as np
 from ..scene.drawing import Drawing, drawing_of_extras
 from ..scene.scales import SMALLEST_SCALE
 from ..scene.splats import Array, Splats
-from ..support.errors import DAMAGED, DataError
-from ..support.wording import counted, printable
+from ..support.errors import DataError
+from ..support.wording import counted
 from .limits import in_proportion
 from .model import Model
 from .packing import RUB, logits
 from .placed import in_one_place, require_alike
-from .usd_stage import layers_of, metres_of, opened, upright, world_of
+from .usd_stage import layers_of, metres_of, missing, opened, upright, world_of
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -41,40 +41,33 @@ HIDDEN = ("guide", "proxy")  # purposes of what no picture shows
 GREY = [0.0, 0.0, 0.0]  # coefficients of a colour of one half
 FIRST = -sys.float_info.max  # the time code that the library calls the earliest
 NEAR = 0.01  # of the size of a model: the median by which centres of the same one may differ
-NAMED = 200  # characters of a line about what is not there
 
 
 def read(path: Path) -> Model:
     """The Gaussians of a file, in RUB axes. Raises ``DataError``."""
     with opened(path) as stage:
-        try:
-            prims, lines = _shown(stage)
-            if not prims:
-                why = f" ({'; '.join(lines)})" if lines else ""
-                raise DataError(path, f"holds no prim {TYPE} that is shown{why}", "export it as Gaussians")
-            size = sum(layer.stat().st_size for layer in layers_of(stage) if layer.is_file())
-            found = list(in_proportion(_models(stage, prims), size))
-            require_alike(path, found)
-            model = in_one_place(found, RUB)
-            if metres := metres_of(stage):
-                model = replace(model, drawing=replace(model.drawing, scale=(model.drawing.scale or 1.0) * metres))
-        except DataError:
-            raise
-        except (ValueError, TypeError, LookupError, OverflowError) as error:
-            problem = f"is no OpenUSD of Gaussians ({type(error).__name__}: {error})"
-            raise DataError(path, problem, DAMAGED) from error
+        prims, lines = _shown(stage)
+        if not prims:
+            why = f" ({'; '.join(lines)})" if lines else ""
+            raise DataError(path, f"holds no prim {TYPE} that is shown{why}", "export it as Gaussians")
+        size = sum(layer.stat().st_size for layer in layers_of(stage) if layer.is_file())
+        found = list(in_proportion(_models(stage, prims), size))
+        require_alike(path, found)
+        model = in_one_place(found, RUB)
+        if metres := metres_of(stage):
+            model = replace(model, drawing=replace(model.drawing, scale=(model.drawing.scale or 1.0) * metres))
     return replace(model, left_out=(*model.left_out, *lines))
 
 
 def files_beside(path: Path) -> list[Path]:
     """The files, other than itself, that a file is made of: layers that it names. Raises ``DataError``."""
     with opened(path) as stage:
-        return [layer for layer in layers_of(stage) if layer != path.resolve()]
+        return [layer for layer in layers_of(stage) if layer.resolve() != path.resolve()]  # a folder may be a link
 
 
-def place_of(stage: Usd.Stage, means: Array) -> Array | None:
-    """The matrix [4, 4] from a model with these centres [N, 3], in RUB axes, to x right, y up, z back of a stage that
-    shows it; None where it does not, or shows other Gaussians, too.
+def place_of(stage: Usd.Stage, means: Array) -> Callable[[float], Array] | None:
+    """The matrix [4, 4], at a time code, from a model with these centres [N, 3], in RUB axes, to x right, y up, z back
+    of a stage that shows it; None where it does not, or shows other Gaussians, too.
 
     It is the model if there are as many primitives, and near: a file may be refined, or rounded.
     """
@@ -84,17 +77,26 @@ def place_of(stage: Usd.Stage, means: Array) -> Array | None:
     held = _column(prims[0], "positions", 3) if len(prims) == 1 else None
     if held is None or len(held) != len(means):
         return None
-    size = np.median(np.abs(means - np.median(means, axis=0)).max(axis=1))
-    if not np.median(np.abs(held - means).max(axis=1)) <= NEAR * size:
+    name = prims[0].GetPath()  # a prim alone does not keep its stage
+
+    def place(time: float) -> Array:
+        return upright(stage) @ world_of(stage.GetPrimAtPath(name), UsdGeom.XformCache(time))
+
+    first = place(FIRST)
+    size, off, off_there = (
+        np.median(np.abs(means - centres).max(axis=1))
+        for centres in (np.median(means, axis=0), held, held @ first[:3, :3].T + first[:3, 3])
+    )
+    if not off <= NEAR * size or off_there < off:  # what was read from the stage has been moved to its place by then
         return None
-    return upright(stage) @ world_of(prims[0], UsdGeom.XformCache(FIRST))
+    return place
 
 
 def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:
     """The prims of Gaussians that a picture shows, and a line for each thing that is left out."""
     from pxr import Usd, UsdGeom
 
-    shown, hidden, instancers = [], 0, 0
+    shown, hidden, instancers = [], [], 0
     prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)))
     for prim in prims:
         if prim.IsA(UsdGeom.PointInstancer):  # its prototypes are below it, and are not shown by themselves
@@ -103,20 +105,19 @@ def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:
         elif prim.GetTypeName() == TYPE:
             seen = UsdGeom.Imageable(prim)
             if seen.ComputeVisibility(FIRST) == UsdGeom.Tokens.invisible or seen.ComputePurpose() in HIDDEN:
-                hidden += 1
+                hidden.append(prim)
             else:
                 shown.append(prim)
-    lines = [f"{counted(hidden, 'prim')} not shown"] * bool(hidden)
+    lines = [f"{counted(len(hidden), 'prim')} not shown"] * bool(hidden)
     lines += [f"Gaussians of {counted(instancers, 'point instancer')}"] * bool(instancers)
-    if broken := stage.GetCompositionErrors():
-        lines.append(f"what cannot be found or read: {printable(' '.join(str(broken[0]).split()))[:NAMED]}")
-    if any(_changes(prim) for prim in shown):
+    lines += missing(stage)
+    if any(_changes(prim) for prim in (*shown, *hidden)):
         lines.append("what changes with time: the first moment is taken")
     return shown, lines
 
 
 def _changes(prim: Usd.Prim) -> bool:
-    """Whether the Gaussians of a prim, or their place, are others at another time."""
+    """Whether the Gaussians of a prim, their place, or whether they are shown, are others at another time."""
     from pxr import UsdGeom
 
     if any(attribute.ValueMightBeTimeVarying() for attribute in prim.GetAuthoredAttributes()):
@@ -124,6 +125,8 @@ def _changes(prim: Usd.Prim) -> bool:
     place: Any = prim
     while place and not place.IsPseudoRoot():
         if UsdGeom.Xformable(place) and UsdGeom.Xformable(place).TransformMightBeTimeVarying():
+            return True
+        if UsdGeom.Imageable(place) and UsdGeom.Imageable(place).GetVisibilityAttr().ValueMightBeTimeVarying():
             return True
         place = place.GetParent()
     return False
@@ -153,7 +156,8 @@ def _of_prim(prim: Usd.Prim) -> Model:
         return np.tile(np.array(usual, np.float32), (n, 1, 1))
 
     degree = prim.GetAttribute(DEGREE)
-    degree = int(degree.Get()) if degree and degree.HasAuthoredValue() else USUAL_DEGREE
+    degree = degree.Get(FIRST) if degree and degree.HasAuthoredValue() else None  # some programs sample all there is
+    degree = USUAL_DEGREE if degree is None else int(degree)
     if degree < 0:
         raise ValueError(f"its spherical harmonics have degree {degree}")
     coefficients = of_each(COEFFICIENTS, 3, GREY, (degree + 1) ** 2)
@@ -179,7 +183,10 @@ def _column(prim: Usd.Prim, name: str, width: int) -> Array | None:
         attribute = prim.GetAttribute(each)
         value = attribute.Get(FIRST) if attribute and attribute.HasAuthoredValue() else None
         if value is not None:
-            return np.array(value, np.float32).reshape(len(value), width)
+            rows = np.array(value, np.float32)
+            if rows.ndim != 1 + (width > 1) or rows.size != len(rows) * width:
+                raise ValueError(f"{prim.GetPath()}.{each} has no rows of {counted(width, 'number')}")
+            return rows.reshape(-1, width)
     return None
 
 

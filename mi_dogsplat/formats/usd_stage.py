@@ -9,6 +9,8 @@ for classes of the schemas of particle fields, which OpenUSD has had since 26.03
 
 from __future__ import annotations
 
+import errno
+import math
 import os
 import shutil
 import struct
@@ -25,6 +27,7 @@ import numpy as np
 from ..scene.splats import Array
 from ..support.errors import DAMAGED, DataError, writing
 from ..support.files import replacing
+from ..support.wording import printable
 from .usd_crate import require_sound
 
 if TYPE_CHECKING:
@@ -39,6 +42,7 @@ TURNS = {  # what is right, up and back in a stage, from its own axes, by what i
     "Y": np.eye(4),
     "Z": np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]),
 }
+NAMED = 200  # characters of a line about what is not there
 ARGUMENTS = ":SDF_FORMAT_ARGS:"  # what the library takes the rest of a name for
 SAVED = (1980, 1, 1, 0, 0, 0, 0, 0, -1)  # local time, which a package says of its file: equal models are equal files
 
@@ -62,17 +66,35 @@ def is_usd(head: bytes) -> bool:
 def opened(path: Path) -> Iterator[Usd.Stage]:
     """The stage of a file. Raises ``DataError`` for what the library cannot read, in this or while it is looked at."""
     require_package(path)
-    from pxr import Tf, Usd, UsdUtils
+    from pxr import Usd
+
+    with looked_at(path):
+        _require_sound(path)
+        with _named_by_content(path) as named:
+            stage = Usd.Stage.Open(os.path.abspath(named))
+            for layer in stage.GetUsedLayers():  # the library keeps those that anybody has open, as they were then
+                if not layer.dirty:
+                    layer.Reload()
+            yield stage
+
+
+@contextmanager
+def looked_at(path: Path) -> Iterator[None]:
+    """While the stage of a file is looked at: the library prints nothing, and what is wrong becomes ``DataError``."""
+    from pxr import Tf, UsdUtils
 
     unheard = UsdUtils.CoalescingDiagnosticDelegate()  # what the library would print
     try:
-        _require_sound(path)
-        with _named_by_content(path) as named:
-            yield Usd.Stage.Open(os.path.abspath(named))
+        yield
+    except DataError:
+        raise
     except Tf.ErrorException as error:
         raise DataError(path, f"cannot be read as OpenUSD ({_reason(error)})", DAMAGED) from error
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+    except (ValueError, TypeError, LookupError, OverflowError) as error:
+        problem = f"is no OpenUSD that can be used ({error})"
+        raise DataError(path, problem, "mend that, or copy or export it again") from error
     finally:
         del unheard
 
@@ -122,7 +144,8 @@ def _named_by_content(path: Path) -> Iterator[Path]:
     with path.open("rb") as file:
         head = file.read(len(MAGICS[0]))
     kind = PACKAGE if head.startswith(ZIP) else BINARY if head == MAGICS[0] else TEXT
-    well_named = path.name.lower().endswith((kind, *NAMES[:1] * (kind != PACKAGE))) and ARGUMENTS not in str(path)
+    well_named = path.name.lower().endswith((kind, *NAMES[:1] * (kind != PACKAGE)))
+    well_named = well_named and ARGUMENTS not in os.path.abspath(path)
     if well_named or not head.startswith((*MAGICS, ZIP)):
         yield path
         return
@@ -140,18 +163,29 @@ def layers_of(stage: Usd.Stage) -> list[Path]:
     return list(dict.fromkeys(Path(file) for file in files if file))
 
 
+def missing(stage: Usd.Stage) -> list[str]:
+    """A line about the first thing that a stage names and that cannot be found or read; none where all is there."""
+    broken = stage.GetCompositionErrors()[:1]
+    return [f"what cannot be found or read: {printable(' '.join(str(error).split()))[:NAMED]}" for error in broken]
+
+
 def upright(stage: Usd.Stage) -> Array:
-    """The matrix [4, 4] from the axes of a stage to x right, y up, z back."""
+    """The matrix [4, 4] from the axes of a stage to x right, y up, z back. Raises ``ValueError``."""
     from pxr import UsdGeom
 
-    return TURNS[str(UsdGeom.GetStageUpAxis(stage))]
+    axis = str(UsdGeom.GetStageUpAxis(stage))
+    if axis not in TURNS:
+        raise ValueError(f"its upAxis is {axis}, neither Y nor Z")
+    return TURNS[axis]
 
 
 def metres_of(stage: Usd.Stage) -> float | None:
-    """Metres of a unit, where a stage says so and says more than that a unit is a metre."""
+    """Metres of a unit, where a stage says so and says more than that a unit is a metre. Raises ``ValueError``."""
     from pxr import UsdGeom
 
     metres = UsdGeom.GetStageMetersPerUnit(stage) if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else 1.0
+    if not 0 < metres < math.inf:
+        raise ValueError(f"its metersPerUnit is {metres:g}, not above zero and finite")
     return None if metres == 1.0 else metres
 
 
@@ -202,18 +236,32 @@ def write_stage(path: Path, stage: Usd.Stage) -> None:
 
     Raises ``DataError``.
     """
-    from pxr import Sdf
+    from pxr import Tf
 
     suffix = next(name for name in reversed(NAMES) if path.name.lower().endswith(name))
     with writing(path):
         path.parent.stat()  # a folder that is missing is a typing error: none is made
         with replacing(path) as part, TemporaryDirectory(dir=part.parent, prefix=".usd.") as folder:
-            made = Path(folder) / f"model{BINARY if suffix == PACKAGE else suffix}"
-            stage.GetRootLayer().Export(str(made))
-            if suffix == PACKAGE:
-                os.utime(made, (time.mktime(SAVED), time.mktime(SAVED)))
-                package = Sdf.ZipFileWriter.CreateNew(str(made.with_suffix(PACKAGE)))
-                package.AddFile(str(made), made.name)
-                package.Save()
-                made = made.with_suffix(PACKAGE)
+            try:
+                made = _saved(stage, Path(folder), suffix)
+            except Tf.ErrorException as error:  # as of a disk that is full
+                raise OSError(errno.EIO, _reason(error)) from error
             shutil.move(made, part)
+
+
+def _saved(stage: Usd.Stage, folder: Path, suffix: str) -> Path:
+    """The file in a folder that a stage has been written to. Raises ``OSError``, and errors of the library."""
+    from pxr import Sdf
+
+    made = folder / f"model{BINARY if suffix == PACKAGE else suffix}"
+    stage.GetRootLayer().Export(str(made))
+    if suffix != PACKAGE:
+        return made
+    os.utime(made, (time.mktime(SAVED), time.mktime(SAVED)))
+    package = Sdf.ZipFileWriter.CreateNew(str(made.with_suffix(PACKAGE)))
+    package.AddFile(str(made), made.name)
+    package.Save()
+    made = made.with_suffix(PACKAGE)
+    if not zipfile.is_zipfile(made):  # its end is missing: of a full disk the library says nothing here
+        raise OSError(errno.EIO, "the package is not complete")
+    return made

@@ -3,6 +3,8 @@
 # pyright: reportAttributeAccessIssue=false
 # (the library has no types)
 
+import os
+
 import foreign_model
 import numpy as np
 import pytest
@@ -169,8 +171,105 @@ def test_one_of_several_cameras_is_named(stage):
         saved(stage, name=":/Rig")
 
 
+@pytest.mark.parametrize("size", [(400, 400), (400, 100), (100, 400)])
+def test_all_of_an_aperture_is_seen_in_pictures_of_other_proportions(stage, size):
+    """``expandAperture`` of render settings: pixels of a unit of the aperture, 32 by 18, as its tighter side has it."""
+    UsdRender.Settings.Define(stage, "/Render").CreateResolutionAttr(Gf.Vec2i(*size))
+    stage.SetMetadata("renderSettingsPrimPath", "/Render")
+    camera, scale = saved(stage).at(1.0).camera(*size), min(size[0] / 32, size[1] / 18)
+    assert (camera.fx, camera.fy) == pytest.approx((50 * scale, 50 * scale))
+    middle = size[0] / 2 - 2 * scale, size[1] / 2 - 1.5 * scale
+    assert (camera.cx, camera.cy) == pytest.approx(middle)
+
+
+@pytest.mark.parametrize("sides", [(-1, 1, 1), (1, 2, 1)])
+def test_a_model_that_a_stage_mirrors_or_stretches_is_filmed_as_the_stage(stage, tmp_path, sides):
+    write_model(tmp_path / "a.usdc", Model(MODEL))
+    place = UsdGeom.Xform.Define(stage, "/Set")
+    place.GetPrim().GetReferences().AddReference("./a.usdc")
+    place.AddScaleOp().Set(Gf.Vec3f(*sides))
+    with pytest.raises(DataError, match="shot.usda: stretches or mirrors the model; film .*film .*shot.usda --path"):
+        saved(stage, Model(MODEL))
+    model = read_model(tmp_path / "shot.usda")
+    world = MODEL.means * [1, -1, -1] * sides
+    np.testing.assert_allclose(
+        by_us(saved(stage, model), 0.5, model.splats.means), by_the_library(stage, 13, world), atol=0.01
+    )
+
+
+def test_a_model_on_a_turntable_turns_before_the_camera(stage, tmp_path):
+    write_model(tmp_path / "a.usdc", Model(MODEL))
+    place = UsdGeom.Xform.Define(stage, "/Set")
+    place.GetPrim().GetReferences().AddReference("./a.usdc")
+    turn = place.AddRotateYOp()
+    turn.Set(0.0, 1)
+    turn.Set(180.0, 25)
+    path = saved(stage, Model(MODEL))
+    for share in (0.0, 0.3):
+        time = 1 + share * 24
+        world = MODEL.means * [1, -1, -1] @ np.array(place.GetLocalTransformation(time))[:3, :3]  # for rows
+        np.testing.assert_allclose(by_us(path, share, MODEL.means), by_the_library(stage, time, world), atol=0.01)
+
+
+def test_a_stage_that_hardly_moves_its_model_does_not_move_it_twice(stage, tmp_path):
+    write_model(tmp_path / "a.usdc", Model(MODEL))
+    place = UsdGeom.Xform.Define(stage, "/Set")
+    place.GetPrim().GetReferences().AddReference("./a.usdc")
+    place.AddTranslateOp().Set(Gf.Vec3d(0.01, 0, 0))
+    stage.Save()
+    world = MODEL.means * [1, -1, -1] + [0.01, 0, 0]
+    for model in (Model(MODEL), read_model(tmp_path / "shot.usda")):
+        found = by_us(saved(stage, model), 0.5, model.splats.means)
+        np.testing.assert_allclose(found, by_the_library(stage, 13, world), atol=0.01)
+
+
+@pytest.mark.parametrize("range_", [(5, 5), (30, 2), (float("nan"), 9), (1, float("inf"))])
+def test_a_range_of_one_frame_or_none_says_nothing(stage, range_):
+    stage.SetStartTimeCode(range_[0])
+    stage.SetEndTimeCode(range_[1])
+    path, world = saved(stage), MODEL.means / 9
+    assert path.seconds == 1.0
+    np.testing.assert_allclose(by_us(path, 0.5, world), by_the_library(stage, 13, world), atol=0.01)
+
+
+def test_what_is_above_a_reset_does_not_move_the_camera(stage):
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Rig")).AddTranslateOp().Set(Gf.Vec3d(1), 1001)
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Rig/Camera")).SetResetXformStack(True)
+    assert saved(stage).seconds == 1.0  # of its focal length
+
+
+def test_what_breaks_while_a_film_is_made_is_one_line(stage, capfd):
+    path = saved(stage)
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Rig/Camera")).GetXformOpOrderAttr().Set(["nonsense"])
+    with pytest.raises(DataError, match="shot.usda: cannot be read as OpenUSD"):
+        path.at(0.5)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_camera_whose_layer_is_missing_says_so(tmp_path, capfd):
+    layer = Usd.Stage.CreateNew(str(tmp_path / "set.usda"))
+    layer.GetRootLayer().subLayerPaths.append("./camera.usda")
+    capfd.readouterr()  # the library complains of the last line
+    with pytest.raises(
+        DataError, match="set.usda: has no camera .what cannot be found or read: .*camera.usda.*; export"
+    ):
+        saved(layer)
+
+
 def _orthographic(camera):
     camera.CreateProjectionAttr("orthographic")
+
+
+def _spherical(camera):
+    camera.CreateProjectionAttr("spherical")
+
+
+def _off(camera):
+    camera.GetHorizontalApertureOffsetAttr().Set(float("nan"))
+
+
+def _without_rate(camera):
+    camera.GetPrim().GetStage().SetTimeCodesPerSecond(0)
 
 
 def _without_lens(camera):
@@ -189,7 +288,10 @@ def _gone(camera):
     ("change", "said"),
     [
         (_orthographic, "the camera /Rig/Camera is orthographic; name one with a perspective"),
+        (_spherical, "the camera /Rig/Camera is spherical; name one with a perspective"),
         (_without_lens, "the camera /Rig/Camera has no lens; give it"),
+        (_off, "the camera /Rig/Camera has no lens; give it"),
+        (_without_rate, "its timeCodesPerSecond is 0; give it"),
         (_flat, "the camera /Rig/Camera is flat; give it"),
         (_gone, "has no camera; export"),
     ],
@@ -206,6 +308,9 @@ def test_files_that_are_no_stages_are_one_line(tmp_path):
         usd_path(str(tmp_path / "a.usd"), None, None)
     with pytest.raises(DataError, match="b.usd: cannot be read .No such file"):
         usd_path(str(tmp_path / "b.usd"), None, None)
+    os.mkfifo(tmp_path / "pipe.usd")
+    with pytest.raises(DataError, match="pipe.usd: is no regular file; give"):
+        usd_path(str(tmp_path / "pipe.usd"), None, None)
     assert [is_usd_path(name) for name in ("a.usd", "A.USDZ:/Cam", "a.usd:Cam", "a.json", "orbit", ".usd")] == [
         True, True, False, False, False, False,
     ]  # fmt: skip

@@ -3,6 +3,7 @@
 # pyright: reportAttributeAccessIssue=false
 # (the library has no types)
 
+import resource
 import struct
 import zipfile
 
@@ -12,7 +13,7 @@ import pytest
 from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.formats import limits, usd_stage
 from mi_dogsplat.formats.packing import RUB, turned, unit_quats
-from mi_dogsplat.formats.read import size_of
+from mi_dogsplat.formats.read import read_source, size_of
 from mi_dogsplat.formats.upright import upright
 from mi_dogsplat.scene.orientation import up_vector
 from mi_dogsplat.scene.transform import transformed
@@ -214,6 +215,14 @@ def test_models_that_are_repeated_claim_all_of_their_memory(tmp_path, file, monk
         read_model(tmp_path / "set.usda")
 
 
+def test_a_layer_of_a_model_is_not_written_over_by_what_is_made_of_it(tmp_path, file):
+    stage = a_stage(tmp_path / "set.usda")
+    referencing(stage, "/Set", file)
+    stage.Save()
+    with pytest.raises(DataError, match="a.usda: is the model itself, or a part of it, which would be lost; name"):
+        read_source(tmp_path / "set.usda", file, "clean")
+
+
 def test_the_bytes_of_a_model_are_those_of_all_its_layers(tmp_path, file):
     stage = a_stage(tmp_path / "set.usda")
     referencing(stage, "/Set", file)
@@ -333,7 +342,49 @@ def test_of_what_moves_the_first_moment_is_taken(stage, what):
     assert read.left_out == ("what changes with time: the first moment is taken",)
 
 
+def test_what_is_shown_at_times_is_what_is_shown_at_first_and_said(tmp_path, file):
+    stage = a_stage(tmp_path / "set.usda")
+    for name, first, then in (("A", "inherited", "invisible"), ("B", "invisible", "inherited")):
+        shown = UsdGeom.Imageable(referencing(stage, f"/Set/{name}", file)).CreateVisibilityAttr()
+        shown.Set(first, 1)
+        shown.Set(then, 5)
+    changes = "what changes with time: the first moment is taken"
+    read = read_saved(stage)
+    assert read.splats.n_splats == MODEL.n_splats and read.left_out == ("1 prim not shown", changes)
+    stage.GetPrimAtPath("/Set/A").SetActive(False)
+    with pytest.raises(DataError, match=changes):
+        read_saved(stage)
+
+
+def test_a_degree_may_be_sampled_as_all_else_is(stage):
+    prim = stage.GetPrimAtPath(PRIM)
+    for attribute in prim.GetAuthoredAttributes():
+        value = attribute.Get()
+        attribute.Clear()
+        attribute.Set(value, 1001)
+    assert_same(read_saved(stage).splats, MODEL)
+
+
 # --- what cannot be read or written ---
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('upAxis = "Y"', 'upAxis = "X"', "its upAxis is X, neither Y nor Z"),
+        ("metersPerUnit = 1", "metersPerUnit = 0", "its metersPerUnit is 0, not above zero and finite"),
+        (
+            "point3f[] positions = [",
+            "float[] positions = [1, 2]\nfloat3[] other = [",
+            "positions has no rows of 3 numbers",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(file, old, new, said):
+    assert old in file.read_text()
+    file.write_text(file.read_text().replace(old, new))
+    with pytest.raises(DataError, match=f"a.usda: .*{said}"):
+        read_model(file)
 
 
 def test_a_stage_without_gaussians_says_what_it_lacks_and_why(tmp_path, file):
@@ -430,11 +481,33 @@ def test_names_are_only_names(tmp_path, name):
     assert_same(read_model(tmp_path / name).splats, MODEL)
 
 
-def test_a_file_that_is_written_anew_is_read_anew(tmp_path):
-    """The library keeps layers by their names."""
+def test_names_of_folders_are_only_names(tmp_path, monkeypatch):
+    folder = tmp_path / "a.usdz[b]:SDF_FORMAT_ARGS:x=1"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    write_model("a.usdc", Model(MODEL))
+    assert_same(read_model("a.usdc").splats, MODEL)
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
+def test_a_file_that_is_written_anew_is_read_anew_while_others_have_it_open(tmp_path, suffix):
+    """The library keeps layers by their names; a notebook keeps the stage of an error."""
+    stages = []
     for k in (1, 2):
-        write_model(tmp_path / "a.usdc", Model(MODEL.select(np.arange(k))))
-        assert read_model(tmp_path / "a.usdc").splats.n_splats == k
+        write_model(tmp_path / f"a{suffix}", Model(MODEL.select(np.arange(k))))
+        assert read_model(tmp_path / f"a{suffix}").splats.n_splats == k
+        stages.append(Usd.Stage.Open(str(tmp_path / f"a{suffix}")))
+
+
+def test_a_stage_that_its_user_has_not_saved_keeps_what_is_new(stage):
+    stage.DefinePrim("/New")
+    assert read_model(stage.GetRootLayer().realPath).splats.n_splats == MODEL.n_splats
+    assert stage.GetPrimAtPath("/New")
+
+
+def test_a_file_is_not_beside_itself_where_its_folder_is_a_link(tmp_path, file):
+    (tmp_path / "link").symlink_to(tmp_path)
+    assert size_of(tmp_path / "link" / "a.usda") == file.stat().st_size
 
 
 def test_without_the_library_nothing_is_written_and_one_line_says_what_to_install(tmp_path, file, monkeypatch):
@@ -459,3 +532,18 @@ def test_a_folder_that_is_missing_or_full_keeps_what_was_there(tmp_path, file, m
     with pytest.raises(DataError, match="a.usda: .*No space left"):
         write_model(file, Model(MODEL.select(np.arange(3))))
     assert file.read_bytes() == held and [path.name for path in tmp_path.iterdir()] == ["a.usda"]
+
+
+@pytest.mark.parametrize(("suffix", "more"), [(".usda", 0), (".usdc", -50), (".usdz", -50), (".usdz", 50)])
+def test_what_the_library_cannot_write_is_one_line(tmp_path, capfd, suffix, more):
+    """As where a disk is full; at the end the package, and not what lies in it."""
+    write_model(tmp_path / "a.usdc", Model(MODEL))
+    most = (tmp_path / "a.usdc").stat().st_size + more
+    limits_before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, limits_before[1]))
+    try:
+        with pytest.raises(DataError, match=f"b{suffix}: cannot be written .*(too large|not complete)"):
+            write_model(tmp_path / f"b{suffix}", Model(MODEL))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits_before)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.usdc"] and capfd.readouterr() == ("", "")
