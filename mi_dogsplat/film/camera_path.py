@@ -13,7 +13,7 @@ from ..scene.cameras import Camera, inverse_rigid
 
 DEFAULT_SIZE = (1280, 720)  # pixels
 DEFAULT_SECONDS = 10.0
-DEFAULT_FPS = 30
+DEFAULT_FPS, LEAST_FPS, MOST_FPS = 30, 1, 240
 WHOLE = 1e-6  # of a frame: nothing, but for rounding
 DIGITS = 9  # of poses and lenses, that tell paths apart
 

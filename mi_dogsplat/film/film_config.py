@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ..support.settings import Setting, check_settings, is_said, refuse
+from .camera_path import LEAST_FPS, MOST_FPS
 from .usd_path import is_usd_path
 
 PATHS = ("auto", "orbit", "cameras")
@@ -28,7 +29,7 @@ class FilmConfig:
 
     path: Annotated[str, Setting(PATH, "NAME_or_FILE")] = "auto"
     seconds: Annotated[float | None, Setting(SECONDS, "S", least=1e-3, most=86_400)] = None
-    fps: Annotated[int | None, Setting(FPS, least=1, most=240)] = None
+    fps: Annotated[int | None, Setting(FPS, least=LEAST_FPS, most=MOST_FPS)] = None
     size: Annotated[tuple[int, int] | None, Setting(SIZE, "W H")] = None
     fov: Annotated[float | None, Setting(FOV, "DEGREES", least=0.1, most=170)] = None
     elevation: Annotated[float | None, Setting(ELEVATION, "DEGREES", least=-89, most=89)] = None

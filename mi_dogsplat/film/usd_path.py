@@ -27,10 +27,10 @@ from ..formats.usd_stage import NAMES, looked_at, metres_of, missing, opened, up
 from ..scene.cameras import affine
 from ..scene.transform import decompose_similarity
 from ..support.errors import DataError
-from .camera_path import DEFAULT_SIZE, CameraPath, Lens, focal_of_fov
+from .camera_path import DEFAULT_SIZE, LEAST_FPS, MOST_FPS, CameraPath, Lens, focal_of_fov
 
 if TYPE_CHECKING:
-    from pxr import Gf, Usd
+    from pxr import Gf, Sdf, Usd
 
 GIVEN = re.compile(rf"(.+(?:{'|'.join(re.escape(name) for name in NAMES)}))(?::(/.*))?", re.IGNORECASE)
 RDF = np.diag([*RUB[0], 1.0])  # the half turn between x right, y up, z back and x right, y down, z forward
@@ -101,7 +101,7 @@ def _path(path: Path, stage: Usd.Stage, prim: Usd.Prim, model: Model | None, fov
     size = _size(stage, seen(start))
     for share in (0.0, 1.0):
         at(share)  # what is wrong with it is said before a film begins
-    return CameraPath(at, False, f"camera {name} of {path.name}", seconds or None, size)
+    return CameraPath(at, False, f"camera {name} of {path.name}", seconds or None, size, _fps(stage))
 
 
 def _camera(path: Path, stage: Usd.Stage, name: str | None) -> Usd.Prim:
@@ -116,6 +116,8 @@ def _camera(path: Path, stage: Usd.Stage, name: str | None) -> Usd.Prim:
     known = ", ".join([*cameras][:MOST_NAMES]) + (", ..." if len(cameras) > MOST_NAMES else "")
     if name is not None and name not in cameras:
         raise DataError(path, f"has no camera {name}{why}", f"name one of its own: {known}")
+    if name is None and len(cameras) > 1:
+        name = next((str(target) for target in _settings_camera(stage) if str(target) in cameras), None)
     if name is None and len(cameras) > 1:
         raise DataError(path, f"has several cameras: {known}", f"name one: --path {path}:{next(iter(cameras))}")
     return cameras[name or next(iter(cameras))]
@@ -148,10 +150,28 @@ def _rate(path: Path, stage: Usd.Stage) -> float:
     return rate
 
 
+def _settings(stage: Usd.Stage) -> Usd.Prim:
+    """The render settings that a stage names; an invalid prim, which is false, where it names none."""
+    return stage.GetPrimAtPath(stage.GetMetadata("renderSettingsPrimPath") or "/_")
+
+
+def _settings_camera(stage: Usd.Stage) -> list[Sdf.Path]:
+    """The camera of the render settings, if they name one."""
+    settings = _settings(stage)
+    return settings.GetRelationship("camera").GetTargets() if settings and settings.HasRelationship("camera") else []
+
+
+def _fps(stage: Usd.Stage) -> int | None:
+    """Frames in a second, where a stage says a number of them that is whole."""
+    layer = stage.GetRootLayer()
+    rate = layer.framesPerSecond if layer.HasFramesPerSecond() else stage.GetTimeCodesPerSecond()
+    return int(rate) if rate in range(LEAST_FPS, MOST_FPS + 1) else None
+
+
 def _size(stage: Usd.Stage, lens: Gf.Camera) -> tuple[int, int]:
     """Width and height of pictures: those of the render settings, else those of the aperture, the longer side as of
     any other film."""
-    settings = stage.GetPrimAtPath(stage.GetMetadata("renderSettingsPrimPath") or "/_")
+    settings = _settings(stage)
     resolution = settings.GetAttribute("resolution").Get() if settings else None
     if resolution is not None and 0 < min(resolution) and max(resolution) <= LARGEST_SIDE:
         return int(resolution[0]), int(resolution[1])

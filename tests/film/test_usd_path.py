@@ -140,6 +140,27 @@ def test_a_film_takes_the_time_and_the_size_of_the_stage(stage):
     assert saved(stage).size == (640, 1280)
 
 
+def test_a_film_has_the_rate_of_the_stage_where_it_is_whole(stage):
+    assert saved(stage).fps == 24  # of its time codes
+    stage.SetFramesPerSecond(25)
+    assert saved(stage).fps == 25
+    for rate in (23.976, 0, 1000):
+        stage.SetFramesPerSecond(rate)
+        assert saved(stage).fps is None
+
+
+def test_of_several_cameras_that_of_the_render_settings_is_taken(stage):
+    UsdGeom.Camera.Define(stage, "/Other").AddTranslateOp().Set(Gf.Vec3d(7, 8, 9))
+    settings = UsdRender.Settings.Define(stage, "/Render")
+    stage.SetMetadata("renderSettingsPrimPath", "/Render")
+    settings.CreateCameraRel().SetTargets(["/Other"])
+    assert saved(stage).at(0.0).c2w[:3, 3].tolist() == [7, 8, 9]
+    assert saved(stage, name=":/Rig/Camera").what == "camera /Rig/Camera of shot.usda"
+    settings.GetCameraRel().SetTargets(["/Nobody"])
+    with pytest.raises(DataError, match="has several cameras"):
+        saved(stage)
+
+
 def test_what_stands_still_has_no_time_of_its_own(stage):
     for name in ("/Rig/Camera.focalLength", "/Rig.xformOp:rotateY"):
         stage.GetAttributeAtPath(name).Clear()
