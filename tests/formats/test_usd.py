@@ -12,7 +12,7 @@ import foreign_model
 import numpy as np
 import pytest
 from mi_dogsplat import Drawing, Model, read_model, write_model
-from mi_dogsplat.formats import limits, usd_stage
+from mi_dogsplat.formats import limits, usd, usd_read, usd_stage
 from mi_dogsplat.formats.packing import RUB, turned, unit_quats
 from mi_dogsplat.formats.read import read_source, size_of
 from mi_dogsplat.formats.upright import upright
@@ -172,6 +172,20 @@ def test_a_turn_leaves_lengths_as_they_were(tmp_path):
     for angle in range(1, 20):  # the determinants of some are 1 exactly
         turn.Set(Gf.Vec3f(7 * angle, 3 * angle, 17 * angle))
         assert read_saved(stage).drawing.near_clip == 0.2
+
+
+def test_a_library_that_does_not_know_the_schema_has_the_same_places(tmp_path, monkeypatch):
+    """As that of Blender, which is older."""
+    found = []
+    for kind in (usd.TYPE, "ParticleFieldOfTheFuture"):
+        monkeypatch.setattr(usd, "TYPE", kind)
+        monkeypatch.setattr(usd_read, "TYPE", kind)
+        write_model(tmp_path / f"{kind}.usda", Model(MODEL, Drawing(up="z", scale=0.3)))
+        stage = a_stage(tmp_path / f"set_{kind}.usda")
+        referencing(stage, "/Set", tmp_path / f"{kind}.usda").AddTranslateOp().Set(Gf.Vec3d(1, 2, 3))
+        found.append(read_saved(stage))
+    assert_same(found[1].splats, found[0].splats)
+    assert found[1].drawing == found[0].drawing
 
 
 @pytest.mark.parametrize("layered", [False, True])
