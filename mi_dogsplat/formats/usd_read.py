@@ -100,7 +100,7 @@ def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:
     prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)))
     for prim in prims:
         if prim.IsA(UsdGeom.PointInstancer):  # its prototypes are below it, and are not shown by themselves
-            instancers += any(below.GetTypeName() == TYPE for below in Usd.PrimRange(prim))
+            instancers += _repeats_gaussians(stage, prim)
             prims.PruneChildren()
         elif prim.GetTypeName() == TYPE:
             seen = UsdGeom.Imageable(prim)
@@ -114,6 +114,16 @@ def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:
     if any(_changes(prim) for prim in (*shown, *hidden)):
         lines.append("what changes with time: the first moment is taken")
     return shown, lines
+
+
+def _repeats_gaussians(stage: Usd.Stage, prim: Usd.Prim) -> bool:
+    """Whether Gaussians are among the prototypes of a point instancer, which lie below it or anywhere else."""
+    from pxr import Usd, UsdGeom
+
+    named = UsdGeom.PointInstancer(prim).GetPrototypesRel().GetForwardedTargets()
+    roots = (prim, *filter(None, map(stage.GetPrimAtPath, named)))
+    everything = Usd.PrimAllPrimsPredicate  # also a class, which is not shown by itself
+    return any(below.GetTypeName() == TYPE for root in roots for below in Usd.PrimRange(root, everything))
 
 
 def _changes(prim: Usd.Prim) -> bool:

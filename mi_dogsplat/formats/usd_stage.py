@@ -191,7 +191,12 @@ def metres_of(stage: Usd.Stage) -> float | None:
 
 def world_of(prim: Usd.Prim, cache: UsdGeom.XformCache) -> Array:
     """The matrix [4, 4] from the axes of a prim to those of its stage, for columns."""
-    return np.array(cache.GetLocalToWorldTransform(prim)).T
+    from pxr import UsdGeom
+
+    matrix = cache.GetLocalToWorldTransform(prim)
+    if not prim.IsA(UsdGeom.Xformable):  # a library that does not know the type takes what is above it alone
+        matrix = UsdGeom.Xformable(prim).GetLocalTransformation(cache.GetTime()) * matrix
+    return np.array(matrix).T
 
 
 def new_stage() -> Usd.Stage:

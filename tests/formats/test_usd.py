@@ -3,6 +3,7 @@
 # pyright: reportAttributeAccessIssue=false
 # (the library has no types)
 
+import os
 import resource
 import struct
 import zipfile
@@ -11,7 +12,7 @@ import foreign_model
 import numpy as np
 import pytest
 from mi_dogsplat import Drawing, Model, read_model, write_model
-from mi_dogsplat.formats import limits, usd_stage
+from mi_dogsplat.formats import limits, usd, usd_read, usd_stage
 from mi_dogsplat.formats.packing import RUB, turned, unit_quats
 from mi_dogsplat.formats.read import read_source, size_of
 from mi_dogsplat.formats.upright import upright
@@ -171,6 +172,20 @@ def test_a_turn_leaves_lengths_as_they_were(tmp_path):
     for angle in range(1, 20):  # the determinants of some are 1 exactly
         turn.Set(Gf.Vec3f(7 * angle, 3 * angle, 17 * angle))
         assert read_saved(stage).drawing.near_clip == 0.2
+
+
+def test_a_library_that_does_not_know_the_schema_has_the_same_places(tmp_path, monkeypatch):
+    """As that of Blender, which is older."""
+    found = []
+    for kind in (usd.TYPE, "ParticleFieldOfTheFuture"):
+        monkeypatch.setattr(usd, "TYPE", kind)
+        monkeypatch.setattr(usd_read, "TYPE", kind)
+        write_model(tmp_path / f"{kind}.usda", Model(MODEL, Drawing(up="z", scale=0.3)))
+        stage = a_stage(tmp_path / f"set_{kind}.usda")
+        referencing(stage, "/Set", tmp_path / f"{kind}.usda").AddTranslateOp().Set(Gf.Vec3d(1, 2, 3))
+        found.append(read_saved(stage))
+    assert_same(found[1].splats, found[0].splats)
+    assert found[1].drawing == found[0].drawing
 
 
 @pytest.mark.parametrize("layered", [False, True])
@@ -342,6 +357,16 @@ def test_of_what_moves_the_first_moment_is_taken(stage, what):
     assert read.left_out == ("what changes with time: the first moment is taken",)
 
 
+def test_gaussians_of_an_instancer_may_lie_elsewhere(tmp_path, file):
+    stage = a_stage(tmp_path / "set.usda")
+    referencing(stage, "/Set", file)
+    stage.CreateClassPrim("/Prototype").GetReferences().AddReference(str(file))
+    UsdGeom.PointInstancer.Define(stage, "/Many").CreatePrototypesRel().AddTarget("/Prototype")
+    UsdGeom.PointInstancer.Define(stage, "/None").CreatePrototypesRel().AddTarget("/Gone")
+    read = read_saved(stage)
+    assert read.splats.n_splats == MODEL.n_splats and read.left_out == ("Gaussians of 1 point instancer",)
+
+
 def test_what_is_shown_at_times_is_what_is_shown_at_first_and_said(tmp_path, file):
     stage = a_stage(tmp_path / "set.usda")
     for name, first, then in (("A", "inherited", "invisible"), ("B", "invisible", "inherited")):
@@ -495,6 +520,7 @@ def test_a_file_that_is_written_anew_is_read_anew_while_others_have_it_open(tmp_
     stages = []
     for k in (1, 2):
         write_model(tmp_path / f"a{suffix}", Model(MODEL.select(np.arange(k))))
+        os.utime(tmp_path / f"a{suffix}", (k, k))  # file systems tell times apart that differ by some ms
         assert read_model(tmp_path / f"a{suffix}").splats.n_splats == k
         stages.append(Usd.Stage.Open(str(tmp_path / f"a{suffix}")))
 
