@@ -22,8 +22,9 @@ import numpy as np
 from ..formats.model import Model
 from ..formats.packing import RUB
 from ..formats.placed import placing
+from ..formats.usd_files import NAMES
 from ..formats.usd_read import place_of
-from ..formats.usd_stage import NAMES, looked_at, metres_of, missing, opened, upright
+from ..formats.usd_stage import looked_at, metres_of, missing, opened, upright
 from ..scene.cameras import affine
 from ..scene.transform import decompose_similarity
 from ..support.errors import DataError

@@ -18,7 +18,7 @@ from .folders import folder_given
 from .model import Model, require_finite
 from .packing import turned
 from .table import COMPRESSED_PLY, FORMATS, GLB, GLTF, PLY, SOG, SPLAT, SPZ, USD, Format, read_any_ply
-from .usd_stage import is_usd
+from .usd_files import is_usd
 
 HEAD = 1 << 16  # bytes that are looked at first: comments of a PLY may be long
 COMPRESSED = b"packed_position"  # in the header of that kind of PLY

@@ -12,7 +12,7 @@ from ..scene.ply import read_ply_and_comments, write_ply
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError
 from ..support.files import write_bytes
-from . import compressed_ply, gltf, gltf_read, sog, sog_read, splat, spz, usd, usd_read, usd_stage
+from . import compressed_ply, gltf, gltf_read, sog, sog_read, splat, spz, usd, usd_files, usd_read
 from .model import Model
 from .packing import LUF, RUB, Turn, by_color, in_space
 
@@ -156,7 +156,7 @@ FORMATS = {  # by the end of the file's name; the longer one first
     ".sog": SOG,
     ".glb": GLB,
     ".gltf": GLTF,
-    **dict.fromkeys(usd_stage.NAMES, USD),
+    **dict.fromkeys(usd_files.NAMES, USD),
     ".splat": SPLAT,
 }
 

@@ -22,8 +22,9 @@ from ..scene.scales import finite_scales
 from ..scene.splats import Array, Splats
 from .packing import RUB, unit_quats
 from .placed import placing
+from .usd_author import ROOT, author, new_stage, place, write_stage
+from .usd_files import require_package
 from .usd_read import COEFFICIENTS, DEGREE, DISPLAY, LINEAR, TYPE
-from .usd_stage import ROOT, author, new_stage, place, require_package, write_stage
 
 PRIM = f"{ROOT}/Splats"
 REACH = 3  # standard deviations: what is further away is not seen

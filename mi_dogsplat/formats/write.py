@@ -25,7 +25,7 @@ from .spz import COLORS
 from .spz import encode as encode_spz
 from .spz_container import rewrapped, zstandard_for
 from .table import PLY, SPZ, USD, Format, format_to_write
-from .usd_stage import require_package
+from .usd_files import require_package
 
 SPZ_VERSIONS = (3, 4)  # that are written
 ROUNDING = 1 / 128  # by which a coefficient or colour is out of range: the step of SPZ, less is rounding

@@ -16,7 +16,8 @@ import numpy as np
 
 from ..formats.packing import RUB
 from ..formats.placed import placing
-from ..formats.usd_stage import NAMES, ROOT, author, new_stage, place, require_package, write_stage
+from ..formats.usd_author import ROOT, author, new_stage, place, write_stage
+from ..formats.usd_files import NAMES, require_package
 from ..scene.drawing import Drawing
 from ..scene.ply_tables import RGB
 from ..support.errors import DataError

@@ -12,7 +12,7 @@ import foreign_model
 import numpy as np
 import pytest
 from mi_dogsplat import Drawing, Model, read_model, write_model
-from mi_dogsplat.formats import limits, usd, usd_read, usd_stage
+from mi_dogsplat.formats import limits, usd, usd_author, usd_read
 from mi_dogsplat.formats.packing import RUB, turned, unit_quats
 from mi_dogsplat.formats.read import read_source, size_of
 from mi_dogsplat.formats.upright import upright
@@ -554,7 +554,7 @@ def test_a_folder_that_is_missing_or_full_keeps_what_was_there(tmp_path, file, m
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(usd_stage.shutil, "move", full)
+    monkeypatch.setattr(usd_author.shutil, "move", full)
     with pytest.raises(DataError, match="a.usda: .*No space left"):
         write_model(file, Model(MODEL.select(np.arange(3))))
     assert file.read_bytes() == held and [path.name for path in tmp_path.iterdir()] == ["a.usda"]

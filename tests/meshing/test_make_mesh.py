@@ -123,7 +123,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(model, tmp_path, capsys):
     faint = tmp_path / "faint.ply"
     write_ply(faint, rounded(make_splats(np.random.default_rng(0).normal(size=(50, 3)), 0.1, 0.02)))
     cases = {
-        "no known mesh format; name a file that ends in .ply or .obj": [model, "-o", tmp_path / "o.stl"],
+        "no known mesh format; name a file that ends in .ply, .obj, .usd": [model, "-o", tmp_path / "o.stl"],
         "--voxel: 1e-08 is too small: positions": [model, "-o", tmp_path / "o.ply", "--voxel", "1e-8"],
         "hides half of what is behind it": [faint, "-o", tmp_path / "o.ply"],
         "--voxel: 1e-05 is too small for a model that reaches": [

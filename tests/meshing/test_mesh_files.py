@@ -6,7 +6,7 @@
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.formats.usd_stage import NAMES
+from mi_dogsplat.formats.usd_files import NAMES
 from mi_dogsplat.meshing.mesh import Mesh
 from mi_dogsplat.meshing.mesh_files import writer_of
 from mi_dogsplat.scene.drawing import Drawing

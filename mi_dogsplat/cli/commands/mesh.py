@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ...formats.usd_stage import NAMES
+from ...formats.usd_files import NAMES
 from ...meshing.mesh_config import MeshConfig
 from ...render.picture_options import NEAR, PictureOptions
 from ...support.variants import set_variant
