@@ -85,6 +85,10 @@ class Target:
         return outcome
 
 
+BY_A_LIBRARY = (".usd", ".usdc", ".usdz")
+"""Binary OpenUSD, which Pixar's library reads: a wrong byte may take it half a minute, or end the process; trust.md"""
+
+
 def make_targets(root: Path | None = None) -> dict[str, Target]:
     """All targets by name, in folders below ``root`` (default: a temporary one in memory)."""
     shared = "/dev/shm" if Path("/dev/shm").is_dir() else None
@@ -169,7 +173,8 @@ def model_seeds(root: Path) -> dict[str, list[bytes]]:
                 model = Model(random_splats(5, sh_degree, ()), Drawing(True, 0.1, False, "-y", 2.0))
                 write_model(path, model, version)
                 seeds[suffix[1:]].append(path.read_bytes())
-        seeds["unknown"] += seeds[suffix[1:]][:1] if suffix != ".splat" else []  # has no first bytes of its own
+        if suffix not in (".splat", *BY_A_LIBRARY):  # the first has no first bytes of its own
+            seeds["unknown"] += seeds[suffix[1:]][:1]
     for path in foreign_model.FOLDER.iterdir():
         if path.suffix != ".sog":  # large
             seeds[path.name.split(".", 1)[1]].append(path.read_bytes())
