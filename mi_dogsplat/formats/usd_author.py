@@ -48,9 +48,9 @@ def author(prim: Usd.Prim, name: str, kind: str, value: Array | int | str, varyi
     from pxr import Sdf, Vt
 
     if isinstance(value, np.ndarray):
-        arrays = {"int[]": (Vt.IntArray, np.int32), "float[]": (Vt.FloatArray, np.float32)}
-        array, type_of = arrays.get(kind, (Vt.QuatfArray if kind == "quatf[]" else Vt.Vec3fArray, np.float32))
-        value = array.FromNumpy(np.ascontiguousarray(value, type_of))
+        arrays = {"int[]": Vt.IntArray, "float[]": Vt.FloatArray, "quatf[]": Vt.QuatfArray}
+        rows = np.ascontiguousarray(value, np.int32 if kind == "int[]" else np.float32)
+        value = arrays.get(kind, Vt.Vec3fArray).FromNumpy(rows)
     variability = Sdf.VariabilityVarying if varying else Sdf.VariabilityUniform
     attribute = prim.CreateAttribute(name, Sdf.ValueTypeNames.Find(kind), custom=False, variability=variability)
     attribute.Set(value)

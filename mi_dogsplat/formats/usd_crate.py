@@ -2,7 +2,7 @@
 
 The library allocates as many tokens, fields, paths and specs as a file names, and asks for no proof: one wrong byte can
 take minutes and all memory. The table of contents is at the end of the file, and each of its sections begins with a
-count. Arrays of values are not looked at: for these the library compares with the size of the file.
+count. Arrays of values, and what points where, are not looked at (docs/trust.md says what that may do).
 """
 
 from __future__ import annotations
