@@ -28,15 +28,15 @@ from ..formats.usd_stage import looked_at, metres_of, missing, opened, upright
 from ..scene.cameras import affine
 from ..scene.transform import decompose_similarity
 from ..support.errors import DataError
-from .camera_path import DEFAULT_SIZE, LEAST_FPS, MOST_FPS, CameraPath, Lens, focal_of_fov
+from .camera_path import LEAST_FPS, MOST_FPS, CameraPath, Lens, focal_of_fov
+from .usd_render_settings import picture_size, settings_camera, shorter_side
 
 if TYPE_CHECKING:
-    from pxr import Gf, Sdf, Usd
+    from pxr import Gf, Usd
 
 GIVEN = re.compile(rf"(.+(?:{'|'.join(re.escape(name) for name in NAMES)}))(?::(/.*))?", re.IGNORECASE)
 RDF = np.diag([*RUB[0], 1.0])  # the half turn between x right, y up, z back and x right, y down, z forward
 SMALLEST = 1e-9  # of what a camera's matrix may make of a length
-LARGEST_SIDE = 16_384  # pixels
 MOST_NAMES = 5  # of cameras in a line
 
 
@@ -93,13 +93,13 @@ def _path(path: Path, stage: Usd.Stage, prim: Usd.Prim, model: Model | None, fov
         time = start + share * (end - start)
         with looked_at(path):  # it is asked for frames when the stage was opened long ago
             lens, to_model = seen(time), to_model_at(time)
-        side = _shorter_side(lens, size)
+        side = shorter_side(stage, lens, size)
         offset = (-lens.horizontalApertureOffset / side, lens.verticalApertureOffset / side)
         c2w = to_model @ np.array(lens.transform).T @ RDF
         focal = lens.focalLength / side if fov is None else focal_of_fov(fov)
         return Lens(affine(_rotation(path, name, c2w[:3, :3]), c2w[:3, 3]), focal, offset)
 
-    size = _size(stage, seen(start))
+    size = picture_size(stage, seen(start))
     for share in (0.0, 1.0):
         at(share)  # what is wrong with it is said before a film begins
     return CameraPath(at, False, f"camera {name} of {path.name}", seconds or None, size, _fps(stage))
@@ -118,7 +118,7 @@ def _camera(path: Path, stage: Usd.Stage, name: str | None) -> Usd.Prim:
     if name is not None and name not in cameras:
         raise DataError(path, f"has no camera {name}{why}", f"name one of its own: {known}")
     if name is None and len(cameras) > 1:
-        name = next((str(target) for target in _settings_camera(stage) if str(target) in cameras), None)
+        name = next((str(target) for target in settings_camera(stage) if str(target) in cameras), None)
     if name is None and len(cameras) > 1:
         raise DataError(path, f"has several cameras: {known}", f"name one: --path {path}:{next(iter(cameras))}")
     return cameras[name or next(iter(cameras))]
@@ -151,44 +151,11 @@ def _rate(path: Path, stage: Usd.Stage) -> float:
     return rate
 
 
-def _settings(stage: Usd.Stage) -> Usd.Prim:
-    """The render settings that a stage names; an invalid prim, which is false, where it names none."""
-    return stage.GetPrimAtPath(stage.GetMetadata("renderSettingsPrimPath") or "/_")
-
-
-def _settings_camera(stage: Usd.Stage) -> list[Sdf.Path]:
-    """The camera of the render settings, if they name one."""
-    settings = _settings(stage)
-    return settings.GetRelationship("camera").GetTargets() if settings and settings.HasRelationship("camera") else []
-
-
 def _fps(stage: Usd.Stage) -> int | None:
     """Frames in a second, where a stage says a number of them that is whole."""
     layer = stage.GetRootLayer()
     rate = layer.framesPerSecond if layer.HasFramesPerSecond() else stage.GetTimeCodesPerSecond()
     return int(rate) if rate in range(LEAST_FPS, MOST_FPS + 1) else None
-
-
-def _size(stage: Usd.Stage, lens: Gf.Camera) -> tuple[int, int]:
-    """Width and height of pictures: those of the render settings, else those of the aperture, the longer side as of
-    any other film."""
-    settings = _settings(stage)
-    resolution = settings.GetAttribute("resolution").Get() if settings else None
-    if resolution is not None and 0 < min(resolution) and max(resolution) <= LARGEST_SIDE:
-        return int(resolution[0]), int(resolution[1])
-    sides = np.array([lens.horizontalAperture, lens.verticalAperture])
-    width, height = np.maximum(1, np.round(sides / sides.max() * max(DEFAULT_SIZE))).astype(int)
-    return int(width), int(height)
-
-
-def _shorter_side(lens: Gf.Camera, size: tuple[int, int]) -> float:
-    """How much the shorter side of a picture of this size shows of an aperture, in its unit.
-
-    All of the aperture is seen, and more at two sides where a picture has other proportions: ``expandAperture``, which
-    is what render settings do that say nothing.
-    """
-    across, down = size
-    return min(size) * max(lens.horizontalAperture / across, lens.verticalAperture / down)
 
 
 def _to_model(path: Path, stage: Usd.Stage, model: Model | None) -> Callable[[float], np.ndarray]:

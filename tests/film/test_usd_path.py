@@ -192,15 +192,45 @@ def test_one_of_several_cameras_is_named(stage):
         saved(stage, name=":/Rig")
 
 
-@pytest.mark.parametrize("size", [(400, 400), (400, 100), (100, 400)])
-def test_all_of_an_aperture_is_seen_in_pictures_of_other_proportions(stage, size):
-    """``expandAperture`` of render settings: pixels of a unit of the aperture, 32 by 18, as its tighter side has it."""
-    UsdRender.Settings.Define(stage, "/Render").CreateResolutionAttr(Gf.Vec2i(*size))
+def rendered(stage, size) -> UsdRender.Settings:
+    """Settings by which a stage is to be rendered in this size."""
+    settings = UsdRender.Settings.Define(stage, "/Render")
+    settings.CreateResolutionAttr(Gf.Vec2i(*size))
     stage.SetMetadata("renderSettingsPrimPath", "/Render")
-    camera, scale = saved(stage).at(1.0).camera(*size), min(size[0] / 32, size[1] / 18)
+    return settings
+
+
+@pytest.mark.parametrize("policy, by_width", [
+    (None, "square tall"), ("expandAperture", "square tall"), ("cropAperture", "wide"),
+    ("adjustApertureWidth", ""), ("adjustApertureHeight", "square tall wide"),
+])  # fmt: skip
+@pytest.mark.parametrize("shape, size", [("square", (400, 400)), ("wide", (400, 100)), ("tall", (100, 400))])
+def test_a_picture_shows_as_much_of_an_aperture_as_its_settings_say(stage, shape, size, policy, by_width):
+    """Pixels of a unit of the aperture, 32 by 18: those of its width, or those of its height."""
+    settings = rendered(stage, size)
+    if policy:
+        settings.CreateAspectRatioConformPolicyAttr(policy)
+    camera = saved(stage).at(1.0).camera(*size)
+    scale = size[0] / 32 if shape in by_width.split() else size[1] / 18
     assert (camera.fx, camera.fy) == pytest.approx((50 * scale, 50 * scale))
     middle = size[0] / 2 - 2 * scale, size[1] / 2 - 1.5 * scale
     assert (camera.cx, camera.cy) == pytest.approx(middle)
+
+
+def test_pixels_that_are_not_square_make_a_picture_of_the_shown_proportions(stage):
+    settings = rendered(stage, (400, 270))
+    settings.CreatePixelAspectRatioAttr(2.0)
+    assert saved(stage).size == (800, 270)
+    settings.CreateAspectRatioConformPolicyAttr("adjustPixelAspectRatio")  # which puts its own in place of the given
+    path = saved(stage)
+    assert path.size == (480, 270)  # 32 by 18
+    assert path.at(1.0).camera(480, 270).fx == pytest.approx(50 * 15)
+
+
+@pytest.mark.parametrize("aspect", [0.0, -1.0, float("nan"), float("inf")])
+def test_pixels_of_no_width_are_square(stage, aspect):
+    rendered(stage, (400, 270)).CreatePixelAspectRatioAttr(aspect)
+    assert saved(stage).size == (400, 270)
 
 
 @pytest.mark.parametrize("sides", [(-1, 1, 1), (1, 2, 1)])

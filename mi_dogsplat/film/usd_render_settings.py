@@ -1,0 +1,78 @@
+"""The render settings of an OpenUSD stage (UsdRenderSettings): which camera, and what picture it makes.
+
+Films have square pixels. Where the settings have others, the picture has the proportions in which theirs is shown.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# (the library has no types)
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .camera_path import DEFAULT_SIZE
+
+if TYPE_CHECKING:
+    from pxr import Gf, Sdf, Usd
+
+LARGEST_SIDE = 16_384  # pixels
+SQUARED = "adjustPixelAspectRatio"  # a policy by which pixels become as wide as the aperture asks for
+POLICIES = {  # what becomes of (width over height) of an aperture and a picture: whether its height decides
+    "expandAperture": lambda aperture, picture: aperture < picture,
+    "cropAperture": lambda aperture, picture: aperture > picture,
+    "adjustApertureWidth": lambda aperture, picture: True,
+    "adjustApertureHeight": lambda aperture, picture: False,
+}
+EXPAND = "expandAperture"  # that of settings that say nothing
+
+
+def settings_camera(stage: Usd.Stage) -> list[Sdf.Path]:
+    """The camera of the render settings, if they name one."""
+    settings = _settings(stage)
+    return settings.GetRelationship("camera").GetTargets() if settings and settings.HasRelationship("camera") else []
+
+
+def picture_size(stage: Usd.Stage, lens: Gf.Camera) -> tuple[int, int]:
+    """Width and height of pictures: those of the render settings, else those of the aperture, the longer side as of
+    any other film."""
+    resolution = _said(stage, "resolution")
+    across, down = lens.horizontalAperture, lens.verticalAperture
+    if resolution is not None and 0 < min(resolution) and max(resolution) <= LARGEST_SIDE:
+        width, height = map(int, resolution)
+        wide = across / down * height / width if _said(stage, "aspectRatioConformPolicy") == SQUARED else _pixel(stage)
+        return max(1, min(round(width * wide), LARGEST_SIDE)), height
+    sides = np.array([across, down])
+    width, height = np.maximum(1, np.round(sides / sides.max() * max(DEFAULT_SIZE))).astype(int)
+    return int(width), int(height)
+
+
+def shorter_side(stage: Usd.Stage, lens: Gf.Camera, size: tuple[int, int]) -> float:
+    """How much the shorter side of a picture of this size shows of an aperture, in its unit.
+
+    Where a picture has other proportions the settings' policy decides. All of the aperture is seen, and more at two
+    sides, where they say nothing.
+    """
+    width, height = size
+    across, down = lens.horizontalAperture, lens.verticalAperture
+    by_height = POLICIES.get(str(_said(stage, "aspectRatioConformPolicy")), POLICIES[EXPAND])
+    return min(size) * (down / height if by_height(across / down, width / height) else across / width)
+
+
+def _settings(stage: Usd.Stage) -> Usd.Prim:
+    """The render settings that a stage names; an invalid prim, which is false, where it names none."""
+    return stage.GetPrimAtPath(stage.GetMetadata("renderSettingsPrimPath") or "/_")
+
+
+def _said(stage: Usd.Stage, name: str) -> Any:
+    """What the settings say, or the schema for them; None where there are none."""
+    settings = _settings(stage)
+    return settings.GetAttribute(name).Get() if settings else None
+
+
+def _pixel(stage: Usd.Stage) -> float:
+    """The width of a pixel over its height; 1 where the settings say nothing, or what is none."""
+    aspect = _said(stage, "pixelAspectRatio")
+    return aspect if isinstance(aspect, float) and 0 < aspect < math.inf else 1.0
