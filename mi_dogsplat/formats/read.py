@@ -49,10 +49,10 @@ def read_model(path: str | Path, finite: bool = True) -> Model:
 
 def size_of(path: Path) -> int:
     """Bytes of the files of a model that was read. Raises ``OSError``."""
-    return sum(file.stat().st_size for file in _files_of(path))
+    return sum(file.stat().st_size for file in files_of(path))
 
 
-def _files_of(path: Path) -> list[Path]:
+def files_of(path: Path) -> list[Path]:
     """The file of a model that was read, and the files beside it that it names: the pictures of a SOG that is no
     bundle, the buffers of a .gltf, the layers of an OpenUSD. Raises ``OSError``."""
     chosen, beside = format_of(path), []
@@ -75,7 +75,7 @@ def read_source(path: Path, out: Path, verb: str, finite: bool = True) -> Model:
     Raises ``DataError``.
     """
     model = read_model(path, finite)
-    if out.exists() and any(out.samefile(file) for file in _files_of(path)):
+    if out.exists() and any(out.samefile(file) for file in files_of(path)):
         raise DataError(out, "is the model itself, or a part of it, which would be lost", "name another file")
     require_primitives(path, model, verb)
     require_writable(out)

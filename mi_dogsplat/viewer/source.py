@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.read import read_model
+from ..formats.read import files_of, read_model
 from ..report.run_folder import MODEL, read_run
 from ..runs.checkpoint import CHECKPOINT, load_checkpoint
 from ..scene.drawing import Drawing
@@ -34,22 +34,23 @@ class Source:
         linear = None if self.white is None else True
         self._of_run = Drawing(**said, linear=linear, white=self.white)
         self.drawing = self._of_run  # what the run, or a file once it is read, says
-        self._seen: tuple = ()
+        self._files: list[Path] = []  # of which it was made when it was last read
+        self._seen: list[tuple] = []
 
     def poll(self) -> tuple[Splats, str] | None:
         """The model and what it is in words, if it changed since it was asked before. Raises ``DataError``."""
         file = self._newest()
-        status = file.stat()
-        signature = (file, status.st_mtime_ns, status.st_size)
-        if signature == self._seen:
+        if file in self._files and _signatures(self._files) == self._seen:
             return None
+        files = [file] if file.suffix == ".npz" else files_of(file)
+        seen = _signatures(files)  # before they are read: what is written meanwhile is read next time
         if file.suffix == ".npz":
             found = self._of_checkpoint(file)
         else:
             model = read_model(file)
             self.drawing = self._of_run.over(model.drawing)
             found = model.splats, file.name
-        self._seen = signature
+        self._files, self._seen = files, seen
         return found
 
     def _of_checkpoint(self, file: Path) -> tuple[Splats, str]:
@@ -77,6 +78,12 @@ class Source:
             problem = f"holds neither {MODEL} nor {CHECKPOINT}"
             raise DataError(self.path, problem, "wait for its first checkpoint (one a minute), or give a run folder")
         return max(files, key=lambda file: file.stat().st_mtime_ns)
+
+
+def _signatures(files: list[Path]) -> list[tuple]:
+    """By which a change of files is noticed; of one that is gone, nothing."""
+    there = [file.stat() if file.is_file() else None for file in files]
+    return [(status.st_mtime_ns, status.st_size) if status else () for status in there]
 
 
 def splats_of_state(state: Mapping[str, np.ndarray]) -> Splats:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tiny_data
 from cut_models import with_cuts, with_second_cuts
-from mi_dogsplat import write_ply
+from mi_dogsplat import Model, write_model, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
@@ -229,6 +229,22 @@ def test_a_file_is_read_again_when_it_changes_and_only_then(tmp_path):
     assert found and found[0].n_splats == 20 and source.poll() is None
     path.unlink()
     with pytest.raises(DataError, match="no such file"):
+        source.poll()
+
+
+def test_a_stage_is_read_again_when_a_layer_of_it_changes(tmp_path):
+    """Of several files that make a model any one may change, and the first one stays as it is."""
+    layer, path = tmp_path / "layer.usdc", tmp_path / "shot.usda"
+    write_model(layer, Model(tiny_data.truth()))
+    path.write_text('#usda 1.0\n(\n    subLayers = [@./layer.usdc@]\n)\n')
+    source = Source(path)
+    found = source.poll()
+    assert found and found[0].n_splats == tiny_data.N_TRUTH and source.poll() is None
+    write_model(layer, Model(tiny_data.truth().select(range(20))))
+    found = source.poll()
+    assert found and found[0].n_splats == 20 and source.poll() is None
+    layer.unlink()
+    with pytest.raises(DataError, match="shot.usda: .*cannot be found"):
         source.poll()
 
 
