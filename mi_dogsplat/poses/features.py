@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +21,15 @@ def extract(
     pycolmap: Any,
     database: Path,
     folder: Path,
-    masks: Path | None,
+    masks: Mapping[str, Path],
     photographs: Sequence[Photograph],
     config: PosesConfig,
     progress: Callable[[int, int], None],
 ) -> None:
     """Fill the database with cameras, images and features; images that have features are left as they are.
 
-    Raises ``DataError`` for an image that pycolmap does not take, and for a disk that is full.
+    ``masks``: as of ``feature_masks``. Raises ``DataError`` for an image that pycolmap does not take, and for a disk
+    that is full.
     """
     batch = BATCH * usable_cores()
     require_room(database, min(batch, len(photographs)) * IMAGE_BYTES)
@@ -37,14 +38,14 @@ def extract(
     options.max_image_size = config.feature_size
     done = _names_with_features(pycolmap, database)
     progress(len(done), len(photographs))
-    groups: dict[tuple[str, bool], list[str]] = {}  # pycolmap wants a mask for each image of a call, or none
+    groups: dict[tuple[str, Path | None], list[str]] = {}  # pycolmap wants a mask for each image of a call, or none
     for p in photographs:
         if p.name not in done:
-            groups.setdefault((p.camera, masks is not None and (masks / f"{p.name}.png").is_file()), []).append(p.name)
+            groups.setdefault((p.camera, masks.get(p.name)), []).append(p.name)
     for (camera, masked), names in groups.items():
         reader = pycolmap.ImageReaderOptions(camera_model=config.lens, existing_camera_id=cameras[camera])
         if masked:
-            reader.mask_path = str(masks)
+            reader.mask_path = str(masked)
         for at in range(0, len(names), batch):
             require_room(database, len(names[at : at + batch]) * IMAGE_BYTES)
             pycolmap.extract_features(

@@ -33,6 +33,7 @@ from .advice import TAKE_MORE, Advice, advice_on_capture, advice_on_model, hopel
 from .colmap_database import pycolmap_module
 from .config import FREE, SETTINGS, PosesConfig
 from .evidence import Evidence, gather
+from .feature_masks import feature_masks
 from .features import extract
 from .frames import CHOICE, take_frames
 from .input import find_photographs, is_video, mask_folder, require_input
@@ -45,6 +46,7 @@ from .video import require_video
 from .world import place
 
 DATABASE, SECONDS, COPIED = "work/database.db", "work/seconds.json", "work/copied.json"
+FEATURE_MASKS = "work/masks"
 Progress = Callable[[str, int, int], None]
 
 
@@ -90,6 +92,11 @@ class Search:
     @property
     def database(self) -> Path:
         return self.out / DATABASE
+
+    @property
+    def feature_masks(self) -> Path:
+        """The folder for masks of transparent images."""
+        return self.out / FEATURE_MASKS
 
     @cached_property
     def digests(self) -> dict[str, str | None]:
@@ -167,7 +174,7 @@ def _forget_copies_of_others(search: Search) -> None:
     copied, digests = search.out / COPIED, list(search.digests.values())
     if search.database.is_file() or (copied.is_file() and read_json(copied, "remove the file") == digests):
         return
-    for folder in (search.top / "images", search.top / "masks"):
+    for folder in (search.top / "images", search.top / "masks", search.feature_masks):
         if folder.is_dir():
             shutil.rmtree(folder)
     search.database.with_name(CHOICE).unlink(missing_ok=True)
@@ -185,7 +192,8 @@ def _reconstruct(pycolmap: Any, search: Search, stages: Stages) -> None:
             photographs = take_frames(search.source, database.with_name(CHOICE), images, config.frames, progress)
         n_masks = prepare_masks(search.masks, photographs, masks) if search.masks else 0
     with stages.of("features") as progress:
-        extract(pycolmap, database, images, masks if n_masks else None, photographs, config, progress)
+        hidden = feature_masks(photographs, images, masks if n_masks else None, search.feature_masks)
+        extract(pycolmap, database, images, hidden, photographs, config, progress)
     with stages.of("matching") as progress:
         match(pycolmap, database, not search.photographs, config, progress)
     evidence = gather(pycolmap, database)

@@ -25,9 +25,9 @@ Then: dogsplat train posed/ -o run
 DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, which every trainer reads.
 Up is -y, by what the photographs say of gravity or else as they were held, and the origin is in the middle
 of the points. Photographs of one device, size and focal length share a camera; EXIF gives its focal length.
-What is black in masks/ is not matched. The end says how many images have a pose, and what to do if they are
-few. Stopped, the same command goes on where it was. dogsplat train does all this by itself when its DATA are
-plain images or a video. Needs the extra mi_dogsplat[poses].
+What is black in masks/, or transparent, is not matched. The end says how many images have a pose, and what
+to do if they are few. Stopped, the same command goes on where it was. dogsplat train does all this by
+itself when its DATA are plain images or a video. Needs the extra mi_dogsplat[poses].
 """
 
 
