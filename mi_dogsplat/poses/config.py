@@ -6,12 +6,15 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ..datasets.world import Length, check_world
-from ..support.settings import Setting, check_settings
+from ..support.settings import Setting, check_settings, refuse
 
 SETTINGS = "poses.json"
-LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")  # lens.py reads them all
+EQUIRECTANGULAR = "EQUIRECTANGULAR"  # of panoramas of all directions, which are cut into views of pinholes
+LENSES = (  # lens.py reads them all but the last one
+    "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", EQUIRECTANGULAR,
+)  # fmt: skip
 FREE = ("gpu", "source", "masks")  # may change from one start to the next; digests tell what lies there
-LENS = "lens of each camera, a model of COLMAP's: " + ", ".join(LENSES)
+LENS = "lens of each camera, a model of COLMAP's: " + ", ".join(LENSES) + " (panoramas, cut into six views each)"
 FRAMES = "frames to take of a video (default: as many as its motion asks for, at most 300)"
 MASKS = "folder of masks, named as the images: nothing black is matched (default: INPUT/masks where there is one)"
 UNDISTORT = "write images as of a pinhole, for programs that know no lenses; else images keep pixels and lens"
@@ -34,3 +37,15 @@ class PosesConfig:
     def __post_init__(self) -> None:
         check_settings(self)
         check_world(None, self.scale)
+        if self.panoramas and self.undistort:
+            refuse("undistort", f"is for lenses, and the views of --lens {EQUIRECTANGULAR} have none", "leave it out")
+
+    @property
+    def panoramas(self) -> bool:
+        """Whether the images show all directions."""
+        return self.lens == EQUIRECTANGULAR
+
+    @property
+    def camera_model(self) -> str:
+        """COLMAP's name of the cameras of the images in which features are sought."""
+        return "PINHOLE" if self.panoramas else self.lens

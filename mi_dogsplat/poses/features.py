@@ -33,7 +33,7 @@ def extract(
     """
     batch = BATCH * usable_cores()
     require_room(database, min(batch, len(photographs)) * IMAGE_BYTES)
-    cameras = _cameras(pycolmap, database, photographs, config.lens)
+    cameras = _cameras(pycolmap, database, photographs, config.camera_model)
     options = pycolmap.FeatureExtractionOptions(num_threads=usable_cores(), use_gpu=config.gpu)
     options.max_image_size = config.feature_size
     done = _names_with_features(pycolmap, database)
@@ -43,7 +43,7 @@ def extract(
         if p.name not in done:
             groups.setdefault((p.camera, masks.get(p.name)), []).append(p.name)
     for (camera, masked), names in groups.items():
-        reader = pycolmap.ImageReaderOptions(camera_model=config.lens, existing_camera_id=cameras[camera])
+        reader = pycolmap.ImageReaderOptions(camera_model=config.camera_model, existing_camera_id=cameras[camera])
         if masked:
             reader.mask_path = str(masked)
         for at in range(0, len(names), batch):

@@ -19,7 +19,8 @@ def reconstruct(
 ) -> list[Any]:
     """Models of what the matches connect, the one with most images first; none if no pair gives a start.
 
-    ``n`` images are in the database. Interrupted, it begins anew: nothing of a model is kept before it is whole.
+    ``n`` images, or panoramas with their views, are in the database. Interrupted, it begins anew: nothing of a model is
+    kept before it is whole.
     """
     part = database.with_name(PART)
     shutil.rmtree(part, ignore_errors=True)
@@ -28,6 +29,9 @@ def reconstruct(
     options.min_model_size = min(FEWEST_IMAGES, n)
     options.mapper.random_seed = options.triangulation.random_seed = config.seed
     options.mapper.num_threads = options.num_threads
+    if config.panoramas:  # where the views of a panorama look, and how wide they are, is known
+        options.ba_refine_focal_length = options.ba_refine_extra_params = options.ba_refine_sensor_from_rig = False
+        options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = False
     registered = 0
 
     def started() -> None:

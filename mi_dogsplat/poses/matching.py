@@ -19,6 +19,7 @@ from ..support.files import read_json, replacing, write_json
 from .colmap_database import PAIR_BYTES, opened, require_room
 from .config import PosesConfig
 from .features import device
+from .panoramas import panorama_of
 from .retrieval import nearest, similarities
 
 EXHAUSTIVE = 150  # images, up to which all pairs are tried
@@ -55,6 +56,8 @@ def match(
     with opened(pycolmap, database) as content:
         images = sorted(content.read_all_images(), key=lambda image: counted_order(image.name))
         pairs = _pairs(content, images, video, config.seed)
+    if config.panoramas:  # views of one place hold no depth
+        pairs = [(i, j) for i, j in pairs if panorama_of(images[i].name) != panorama_of(images[j].name)]
     names, batch, counter = [image.name for image in images], BATCH * usable_cores(), database.with_name(DONE)
     done = int(read_json(counter, "remove the file")) if counter.is_file() else 0  # of pairs, which have their order
     options = pycolmap.FeatureMatchingOptions(num_threads=usable_cores(), use_gpu=config.gpu)

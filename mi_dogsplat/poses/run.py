@@ -40,13 +40,15 @@ from .input import find_photographs, is_video, mask_folder, require_input
 from .mapping import reconstruct
 from .matching import match
 from .output import undistort, write_model
-from .photographs import prepare, prepare_masks
+from .panoramas import SIDES, cut_masks, cut_panoramas, refuse_panoramas
+from .photographs import Photograph, prepare, prepare_masks
+from .rigs import tie_views
 from .summary import Summary, outcome_of, summary_of
 from .video import require_video
 from .world import place
 
 DATABASE, SECONDS, COPIED = "work/database.db", "work/seconds.json", "work/copied.json"
-FEATURE_MASKS = "work/masks"
+FEATURE_MASKS, PANORAMAS, PANORAMA_MASKS = "work/masks", "work/panoramas", "work/panorama_masks"
 Progress = Callable[[str, int, int], None]
 
 
@@ -139,6 +141,8 @@ def find_poses(
     photographs = {} if is_video(source) else find_photographs(source, out, masks)
     if not photographs:
         require_video(source)
+    if not config.panoramas:
+        refuse_panoramas(photographs)
     search = Search(source, photographs, masks, out, config)
     begin(out / SETTINGS, search.settings(), "search for poses", search.free())
     with locked(out, "another process is looking for poses in it"):
@@ -174,7 +178,8 @@ def _forget_copies_of_others(search: Search) -> None:
     copied, digests = search.out / COPIED, list(search.digests.values())
     if search.database.is_file() or (copied.is_file() and read_json(copied, "remove the file") == digests):
         return
-    for folder in (search.top / "images", search.top / "masks", search.feature_masks):
+    made = (search.out / name for name in (FEATURE_MASKS, PANORAMAS, PANORAMA_MASKS))
+    for folder in (search.top / "images", search.top / "masks", *made):
         if folder.is_dir():
             shutil.rmtree(folder)
     search.database.with_name(CHOICE).unlink(missing_ok=True)
@@ -186,21 +191,23 @@ def _reconstruct(pycolmap: Any, search: Search, stages: Stages) -> None:
     database, top, config = search.database, search.top, search.config
     images, masks = top / "images", top / "masks"
     with stages.of("images") as progress:
-        if search.photographs:
-            photographs = prepare(search.photographs, images, progress)
+        if config.panoramas:
+            photographs, n_masks = _panoramas(search, progress)
         else:
-            photographs = take_frames(search.source, database.with_name(CHOICE), images, config.frames, progress)
-        n_masks = prepare_masks(search.masks, photographs, masks) if search.masks else 0
+            photographs, n_masks = _images(search, images, masks, progress)
+    n_frames = len(photographs) // len(SIDES) if config.panoramas else len(photographs)
     with stages.of("features") as progress:
         hidden = feature_masks(photographs, images, masks if n_masks else None, search.feature_masks)
         extract(pycolmap, database, images, hidden, photographs, config, progress)
+        if config.panoramas:
+            tie_views(pycolmap, database)
     with stages.of("matching") as progress:
-        match(pycolmap, database, not search.photographs, config, progress)
+        match(pycolmap, database, not search.photographs and not config.panoramas, config, progress)
     evidence = gather(pycolmap, database)
     if hopeless(evidence):
         raise _nothing_found(search.source, evidence)
     with stages.of("mapping") as progress:
-        models = reconstruct(pycolmap, database, images, len(photographs), config, progress)
+        models = reconstruct(pycolmap, database, images, n_frames, config, progress)
     if not models:
         raise _nothing_found(search.source, evidence)
     downs = {p.name: np.array(p.down) for p in photographs if p.down is not None}
@@ -210,6 +217,26 @@ def _reconstruct(pycolmap: Any, search: Search, stages: Stages) -> None:
     for folder in {search.out, top}:  # two data sets with --undistort
         write_world(folder, placed.world)
     write_model(models[0], _model_folder(top))
+
+
+def _images(
+    search: Search, images: Path, masks: Path, progress: Callable[[int, int], None]
+) -> tuple[list[Photograph], int]:
+    """Write the photographs, or the chosen frames, and their masks into folders; and how many masks there are."""
+    if search.photographs:
+        photographs = prepare(search.photographs, images, progress)
+    else:
+        choice = search.database.with_name(CHOICE)
+        photographs = take_frames(search.source, choice, images, search.config.frames, progress)
+    return photographs, prepare_masks(search.masks, photographs, masks) if search.masks else 0
+
+
+def _panoramas(search: Search, progress: Callable[[int, int], None]) -> tuple[list[Photograph], int]:
+    """The same with panoramas, of which views are written."""
+    whole, masks = search.out / PANORAMAS, search.out / PANORAMA_MASKS
+    panoramas, n_masks = _images(search, whole, masks, lambda done, n: None)
+    views = cut_panoramas(panoramas, whole, search.top / "images", progress)
+    return views, cut_masks(panoramas, masks, search.top / "masks") if n_masks else 0
 
 
 def _nothing_found(source: Path, evidence: Evidence) -> DataError:

@@ -83,7 +83,7 @@ def summary_of(
         n_points=model.num_points3D(),
         error=float(model.compute_mean_reprojection_error()),
         observations=float(model.compute_mean_observations_per_reg_image()),
-        cameras=[camera_line(camera) for _, camera in sorted(model.cameras.items())],
+        cameras=list(dict.fromkeys(camera_line(camera) for _, camera in sorted(model.cameras.items()))),
         n_masks=n_masks,
         up_from=placed.up_from,
         scale=placed.world.scale,

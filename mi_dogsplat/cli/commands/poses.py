@@ -16,6 +16,8 @@ Examples:
   dogsplat poses walk.mp4 -o filmed                    a video: sharp frames, as many as its motion asks for
   dogsplat poses pictures/ -o straight --undistort     for programs that know no lenses
   dogsplat poses pictures/ -o strong --lens OPENCV     a lens that bends lines much
+  dogsplat poses around/ -o posed --lens EQUIRECTANGULAR
+                                                       panoramas of all directions (360°): six views of each
   dogsplat poses pictures/ -o metres --scale IMG_1.jpg IMG_9.jpg 2.5
                                                        in metres: these two were taken 2.5 m apart
   dogsplat poses pictures/ -o metres --scale IMG_1.jpg:410,980 IMG_1.jpg:1630,940 0.75

@@ -1,0 +1,172 @@
+"""Panoramas of all directions (360°): each becomes the six views of a cube, whose pinholes every program knows.
+
+A panorama is equirectangular: twice as wide as high, longitude across, latitude down, its middle straight ahead. The
+views look ahead, right, back, left, down and up from one place, each 90° wide. A pixel in the middle of a view is as
+wide as one of the panorama on its equator.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from PIL import Image
+from scipy.ndimage import map_coordinates, spline_filter
+
+from ..datasets.images import UNREADABLE, open_image, read_image, straight_color
+from ..support.cores import usable_cores
+from ..support.errors import DataError
+from ..support.files import replacing
+from .config import EQUIRECTANGULAR
+from .photographs import Photograph
+
+SIDES = {  # where each view looks (x right, y down, z ahead): its right and its down; what is ahead of it follows
+    "front": ((1, 0, 0), (0, 1, 0)),
+    "right": ((0, 0, -1), (0, 1, 0)),
+    "back": ((-1, 0, 0), (0, 1, 0)),
+    "left": ((0, 0, 1), (0, 1, 0)),
+    "down": ((1, 0, 0), (0, 0, -1)),
+    "up": ((1, 0, 0), (0, 0, 1)),
+}
+XMP = re.compile(rb"GPano:ProjectionType[=>]\s*[\"']?\s*equirectangular", re.IGNORECASE)
+QUALITY = {"quality": 98, "subsampling": 0}  # of JPEG: the pixels have been compressed before
+SEAM = 8  # pixels beyond each edge that a spline sees: a panorama goes on round the circle, and beyond its poles
+
+
+def side_rotation(side: str) -> np.ndarray:
+    """The rotation [3, 3] from the axes of the panorama to those of a view."""
+    right, down = map(np.array, SIDES[side])
+    return np.stack([right, down, np.cross(right, down)]).astype(np.float64)
+
+
+def side_size(width: int) -> int:
+    """Pixels along a view of a panorama of this width."""
+    return round(width / math.pi)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Views of panoramas of one size, [H, W] pixels with H = W / 2."""
+
+    width: int
+
+    def pixels(self, side: str) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column [S, S] in the panorama, 0 in the middle of the first, that each pixel of a view shows."""
+        size = side_size(self.width)
+        x = (np.arange(size) + 0.5) / size * 2 - 1
+        rays = np.stack([*np.meshgrid(x, x), np.ones((size, size))], axis=-1) @ side_rotation(side)  # [S, S, 3]
+        longitude = np.arctan2(rays[..., 0], rays[..., 2])
+        latitude = np.arctan2(rays[..., 1], np.hypot(rays[..., 0], rays[..., 2]))
+        pixel = self.width / (2 * math.pi)
+        return (latitude + math.pi / 2) * pixel - 0.5, (longitude + math.pi) * pixel - 0.5
+
+    def view(self, panorama: np.ndarray, side: str) -> np.ndarray:
+        """A view [S, S, C] of a panorama [H, W, C] by cubic splines, float32, between its least and largest values."""
+        rows, columns = self.pixels(side)
+        planes = []
+        for plane in np.moveaxis(panorama, -1, 0):
+            opposite = np.roll(plane, self.width // 2, axis=1)  # what lies beyond a pole
+            whole = np.concatenate([opposite[SEAM - 1 :: -1], plane, opposite[: -SEAM - 1 : -1]])
+            whole = np.pad(whole, ((0, 0), (SEAM, SEAM)), mode="wrap")
+            spline = spline_filter(whole, mode="mirror").astype(np.float32)
+            seen = map_coordinates(spline, (rows + SEAM, columns + SEAM), np.float32, prefilter=False)
+            planes.append(np.clip(seen, plane.min(), plane.max()))
+        return np.stack(planes, axis=-1)
+
+
+def require_panoramas(photographs: Sequence[Photograph], folder: Path) -> Cut:
+    """How all of them are cut. Raises ``DataError`` where one is none, or they are not of one size."""
+    first = photographs[0]
+    for p in photographs:
+        size = f"{p.width}x{p.height}"
+        if p.width != 2 * p.height:
+            problem = f"is {size}, no panorama of all directions, which is twice as wide as high"
+            raise DataError(folder / p.name, problem, f"leave it out, or leave out --lens {EQUIRECTANGULAR}")
+        if p.width != first.width:
+            problem = f"is {size}, and {first.name} is {first.width}x{first.height}"
+            raise DataError(folder / p.name, problem, "export all panoramas in one size")
+    return Cut(first.width)
+
+
+def refuse_panoramas(photographs: Mapping[str, Path]) -> None:
+    """Raise ``DataError`` where a photograph says of itself that it is a panorama of all directions."""
+    for path in photographs.values():
+        try:
+            with open_image(path) as image:
+                said = image.info.get("xmp")
+                found = image.width == 2 * image.height and isinstance(said, bytes) and XMP.search(said)
+        except UNREADABLE:  # which is told with all others
+            continue
+        if found:
+            remedy = f"give dogsplat poses --lens {EQUIRECTANGULAR}, and train with what comes of it"
+            raise DataError(path, "is a panorama of all directions, as its XMP says", remedy)
+
+
+def cut_panoramas(
+    photographs: Sequence[Photograph], panoramas: Path, images: Path, progress: Callable[[int, int], None]
+) -> list[Photograph]:
+    """Write the views of all panoramas of a folder as ``<side>/<name>`` into ``images``, unless they are there.
+
+    Raises ``DataError``.
+    """
+    cut, made = require_panoramas(photographs, panoramas), []
+    with ThreadPoolExecutor(min(8, usable_cores())) as pool:  # NumPy, SciPy and Pillow let go of Python's lock
+        for views in pool.map(lambda photograph: _views(photograph, cut, panoramas, images), photographs):
+            made += views
+            progress(len(made) // len(SIDES), len(photographs))
+    return sorted(made, key=lambda view: ([*SIDES].index(side_of(view.name)), view.name))
+
+
+def cut_masks(photographs: Sequence[Photograph], panoramas: Path, masks: Path) -> int:
+    """Write the views of the masks ``<name>.png`` of panoramas into ``masks``; returns how many."""
+    cut, n = Cut(photographs[0].width), 0
+    for photograph in photographs:
+        mask = panoramas / f"{photograph.name}.png"
+        if not mask.is_file():
+            continue
+        pixels = read_image(mask)[..., :1]
+        for side in SIDES:
+            with replacing(masks / side / mask.name) as part:
+                used = cut.view(pixels, side)[..., 0] >= 0.5
+                Image.fromarray(np.where(used, 255, 0).astype(np.uint8)).save(part, "PNG")
+            n += 1
+    return n
+
+
+def side_of(name: str) -> str:
+    """Which side the view of this name shows."""
+    return PurePosixPath(name).parts[0]
+
+
+def panorama_of(name: str) -> str:
+    """The name of the panorama that a view of this name is of."""
+    return str(PurePosixPath(*PurePosixPath(name).parts[1:]))
+
+
+def _views(photograph: Photograph, cut: Cut, panoramas: Path, images: Path) -> list[Photograph]:
+    """The views of one panorama, which is read where one of them is missing."""
+    size, views, panorama = side_size(cut.width), [], None
+    for side in SIDES:
+        target = images / side / photograph.name
+        if not target.is_file():
+            panorama = read_image(panoramas / photograph.name) if panorama is None else panorama
+            _write(cut.view(panorama, side), target)
+        down = tuple(side_rotation(side) @ (0.0, 1.0, 0.0)) if photograph.down is None else None
+        views.append(Photograph(f"{side}/{photograph.name}", size, size, f"{side} {size}", size / 2, down=down))
+    return views
+
+
+def _write(pixels: np.ndarray, target: Path) -> None:
+    if pixels.shape[2] == 4:  # PNG is not premultiplied
+        pixels = np.concatenate([straight_color(pixels[..., :3], pixels[..., 3:]), pixels[..., 3:]], axis=2)
+    image = Image.fromarray(np.rint(np.clip(pixels, 0, 1) * 255).astype(np.uint8))
+    with replacing(target) as part:
+        if target.suffix.lower() in (".jpg", ".jpeg"):
+            image.save(part, "JPEG", **QUALITY)
+        else:
+            image.save(part, "PNG")
