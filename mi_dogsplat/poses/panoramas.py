@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -35,6 +36,7 @@ SIDES = {  # where each view looks (x right, y down, z ahead): its right and its
 }
 XMP = re.compile(rb"GPano:ProjectionType[=>]\s*[\"']?\s*equirectangular", re.IGNORECASE)
 QUALITY = {"quality": 98, "subsampling": 0}  # of JPEG: the pixels have been compressed before
+MOST_THREADS = 4  # a panorama of 5760x2880 takes nearly 1 GB while it is cut
 SEAM = 8  # pixels beyond each edge that a spline sees: a panorama goes on round the circle, and beyond its poles
 
 
@@ -55,28 +57,35 @@ class Cut:
 
     width: int
 
-    def pixels(self, side: str) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column [S, S] in the panorama, 0 in the middle of the first, that each pixel of a view shows."""
+    def pixels(self, side: str) -> np.ndarray:
+        """Rows and columns [2, S, S] in the panorama, 0 in the middle of the first, that the pixels of a view show."""
         size = side_size(self.width)
         x = (np.arange(size) + 0.5) / size * 2 - 1
         rays = np.stack([*np.meshgrid(x, x), np.ones((size, size))], axis=-1) @ side_rotation(side)  # [S, S, 3]
         longitude = np.arctan2(rays[..., 0], rays[..., 2])
         latitude = np.arctan2(rays[..., 1], np.hypot(rays[..., 0], rays[..., 2]))
         pixel = self.width / (2 * math.pi)
-        return (latitude + math.pi / 2) * pixel - 0.5, (longitude + math.pi) * pixel - 0.5
+        return np.stack([latitude + math.pi / 2, longitude + math.pi]) * pixel - 0.5
 
-    def view(self, panorama: np.ndarray, side: str) -> np.ndarray:
-        """A view [S, S, C] of a panorama [H, W, C] by cubic splines, float32, between its least and largest values."""
-        rows, columns = self.pixels(side)
-        planes = []
-        for plane in np.moveaxis(panorama, -1, 0):
+    @cached_property
+    def _places(self) -> dict[str, np.ndarray]:
+        """Rows and columns by the views, in the panorama with its ``SEAM``."""
+        return {side: (self.pixels(side) + SEAM).astype(np.float32) for side in SIDES}
+
+    def views(self, panorama: np.ndarray) -> dict[str, np.ndarray]:
+        """The views [S, S, C] of a panorama [H, W, C] by cubic splines, float32, between its least and largest
+        values."""
+        size, channels = side_size(self.width), panorama.shape[2]
+        made = {side: np.empty((size, size, channels), np.float32) for side in SIDES}
+        for c, plane in enumerate(np.moveaxis(panorama, -1, 0)):
             opposite = np.roll(plane, self.width // 2, axis=1)  # what lies beyond a pole
             whole = np.concatenate([opposite[SEAM - 1 :: -1], plane, opposite[: -SEAM - 1 : -1]])
             whole = np.pad(whole, ((0, 0), (SEAM, SEAM)), mode="wrap")
             spline = spline_filter(whole, mode="mirror").astype(np.float32)
-            seen = map_coordinates(spline, (rows + SEAM, columns + SEAM), np.float32, prefilter=False)
-            planes.append(np.clip(seen, plane.min(), plane.max()))
-        return np.stack(planes, axis=-1)
+            for side, places in self._places.items():
+                seen = map_coordinates(spline, places, np.float32, prefilter=False)
+                made[side][..., c] = np.clip(seen, plane.min(), plane.max())
+        return made
 
 
 def require_panoramas(photographs: Sequence[Photograph], folder: Path) -> Cut:
@@ -115,7 +124,7 @@ def cut_panoramas(
     Raises ``DataError``.
     """
     cut, made = require_panoramas(photographs, panoramas), []
-    with ThreadPoolExecutor(min(8, usable_cores())) as pool:  # NumPy, SciPy and Pillow let go of Python's lock
+    with ThreadPoolExecutor(min(MOST_THREADS, usable_cores())) as pool:  # SciPy and Pillow let go of the lock
         for views in pool.map(lambda photograph: _views(photograph, cut, panoramas, images), photographs):
             made += views
             progress(len(made) // len(SIDES), len(photographs))
@@ -129,11 +138,9 @@ def cut_masks(photographs: Sequence[Photograph], panoramas: Path, masks: Path) -
         mask = panoramas / f"{photograph.name}.png"
         if not mask.is_file():
             continue
-        pixels = read_image(mask)[..., :1]
-        for side in SIDES:
+        for side, view in cut.views(read_image(mask)[..., :1]).items():
             with replacing(masks / side / mask.name) as part:
-                used = cut.view(pixels, side)[..., 0] >= 0.5
-                Image.fromarray(np.where(used, 255, 0).astype(np.uint8)).save(part, "PNG")
+                Image.fromarray(np.where(view[..., 0] >= 0.5, 255, 0).astype(np.uint8)).save(part, "PNG")
             n += 1
     return n
 
@@ -150,15 +157,18 @@ def panorama_of(name: str) -> str:
 
 def _views(photograph: Photograph, cut: Cut, panoramas: Path, images: Path) -> list[Photograph]:
     """The views of one panorama, which is read where one of them is missing."""
-    size, views, panorama = side_size(cut.width), [], None
-    for side in SIDES:
-        target = images / side / photograph.name
-        if not target.is_file():
-            panorama = read_image(panoramas / photograph.name) if panorama is None else panorama
-            _write(cut.view(panorama, side), target)
-        down = tuple(side_rotation(side) @ (0.0, 1.0, 0.0)) if photograph.down is None else None
-        views.append(Photograph(f"{side}/{photograph.name}", size, size, f"{side} {size}", size / 2, down=down))
-    return views
+    targets = {side: images / side / photograph.name for side in SIDES}
+    if not all(target.is_file() for target in targets.values()):
+        for side, view in cut.views(read_image(panoramas / photograph.name)).items():
+            _write(view, targets[side])
+    size = side_size(cut.width)
+    return [
+        Photograph(
+            f"{side}/{photograph.name}", size, size, f"{side} {size}", size / 2,
+            down=tuple(side_rotation(side) @ (0.0, 1.0, 0.0)),
+        )  # fmt: skip
+        for side in SIDES
+    ]
 
 
 def _write(pixels: np.ndarray, target: Path) -> None:

@@ -56,7 +56,7 @@ def test_a_view_shows_what_lies_in_its_direction(side):
     camera = side_camera(np.eye(4), side, size)
     x = np.arange(size) + 0.5
     rays = camera.unproject(np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2), np.ones(size * size))
-    view = Cut(400).view(colours(directions(400)), side)
+    view = Cut(400).views(colours(directions(400)))[side]
     np.testing.assert_allclose(view, colours(rays).reshape(size, size, 3), atol=2e-3)
 
 
