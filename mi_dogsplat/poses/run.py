@@ -234,7 +234,7 @@ def _images(
 def _panoramas(search: Search, progress: Callable[[int, int], None]) -> tuple[list[Photograph], int]:
     """The same with panoramas, of which views are written."""
     whole, masks = search.out / PANORAMAS, search.out / PANORAMA_MASKS
-    panoramas, n_masks = _images(search, whole, masks, lambda done, n: None)
+    panoramas, n_masks = _images(search, whole, masks, progress)
     views = cut_panoramas(panoramas, whole, search.top / "images", progress)
     return views, cut_masks(panoramas, masks, search.top / "masks") if n_masks else 0
 
