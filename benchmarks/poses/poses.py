@@ -1,15 +1,18 @@
-"""Poses by ``dogsplat poses`` against those that are known: of captures whose poses are thrown away, and of a film.
+"""Poses by ``dogsplat poses`` against those that are known: of captures whose poses are thrown away, of a film, and of
+panoramas of all directions, as photographs and as a video.
 
-For each: how many images have a pose, how far off these are, the time of each stage, and test PSNR of trainings that
-differ in nothing but the poses and points.
+For each: how many images have a pose, how far off these are, and the time of each stage. For captures and the film also
+test PSNR of trainings that differ in nothing but the poses and points.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import shutil
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
@@ -21,18 +24,21 @@ from mi_dogsplat.datasets.point_ply import write_point_ply
 from mi_dogsplat.datasets.scene_file import load_scene
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.run import find_poses
+from mi_dogsplat.poses.summary import Summary
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL, Camera
 from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from PIL import Image
 
-from .filmed_scene import film, write_video
-from .pose_error import alignment, pose_error
+from .filmed_scene import film, textured_room, write_video
+from .pose_error import PoseError, alignment, pose_error
+from .traced_panoramas import exact_cameras, panorama, places
 from .world_error import world_error
 
 SCENE = Path(__file__).parents[2] / "scenes" / "demo_truth.xml"
 WIDTH, HEIGHT, FRAMES, SHUTTER, SPP = 640, 480, 96, 3, 9
+PANORAMA = 768  # pixels across
 
 
 def main(argv: list[str]) -> None:
@@ -40,6 +46,7 @@ def main(argv: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks poses", description=__doc__)
     parser.add_argument("--data", type=Path, nargs="*", default=[], help="COLMAP folders whose poses are thrown away")
     parser.add_argument("--film", action="store_true", help="also a video made of scenes/demo_truth.xml")
+    parser.add_argument("--panoramas", action="store_true", help="also panoramas of a textured room")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for what is found and trained")
     parser.add_argument("--steps", type=int, default=2000, help="of the trainings; 0: none")
     parser.add_argument("--downscale", type=int, default=4)
@@ -54,6 +61,11 @@ def main(argv: list[str]) -> None:
         top = args.out / "film"
         exact = film_scene(top / "walk.mp4")
         print(_row("film", top / "walk.mp4", exact, None, top, args), flush=True)
+    if args.panoramas:
+        for name, source, exact in panoramas(args.out):
+            summary = find_poses(source, args.out / f"{name} posed", PosesConfig(lens="EQUIRECTANGULAR"))
+            print("\n".join(summary.lines()))
+            print(_found(name, summary, pose_error(exact, _cameras(args.out / f"{name} posed"))), flush=True)
 
 
 def _row(name: str, source: Path, exact: dict[str, Camera], data: Path | None, top: Path, args) -> str:
@@ -70,10 +82,13 @@ def _row(name: str, source: Path, exact: dict[str, Camera], data: Path | None, t
         config = TrainConfig(data=str(path), steps=args.steps, downscale=args.downscale)
         psnr[which] = train(config, top / f"run_{which}")["test"]["psnr"]
     print("\n".join(summary.lines()))
+    return f"{_found(name, summary, error)}; PSNR given {psnr['given']:.2f} dB, found {psnr['found']:.2f} dB"
+
+
+def _found(name: str, summary: Summary, error: PoseError) -> str:
     return (
         f"{name}: {summary.n_registered} of {summary.n_images}; position {error.position:.2%} (largest "
-        f"{error.largest_position:.2%}), angle {error.angle:.3f} deg, focal {error.focal:.4f}; "
-        f"PSNR given {psnr['given']:.2f} dB, found {psnr['found']:.2f} dB"
+        f"{error.largest_position:.2%}), angle {error.angle:.3f} deg, focal {error.focal:.4f}"
     )
 
 
@@ -105,6 +120,24 @@ def film_scene(path: Path) -> dict[str, Camera]:
         path.with_suffix(".part.mp4").rename(path)
         print(f"filmed in {time.monotonic() - start:.0f} s")
     return {f"frame_{k:06d}": cameras[2 * SHUTTER * k + SHUTTER // 2] for k in range(FRAMES)}
+
+
+def panoramas(top: Path) -> Iterator[tuple[str, Path, dict[str, Camera]]]:
+    """(name, folder or video, exact cameras of its views) of panoramas of a room, half of which is empty."""
+    scene, folder, video = textured_room(), top / "panoramas", top / "walk360.mp4"
+    folder.mkdir(parents=True, exist_ok=True)
+    c2ws = places(8)
+    for k, c2w in enumerate(c2ws):
+        Image.fromarray(panorama(scene, c2w, PANORAMA, SPP)).save(folder / f"IMG_{k}.png")
+    yield "panoramas", folder, exact_cameras(c2ws, PANORAMA)
+    walked = places(8, 4)
+    write_video(video, (panorama(scene, c2w, PANORAMA, SPP) for c2w in walked))
+    exact = exact_cameras(walked, PANORAMA)
+    yield "panorama video", video, {re.sub(r"IMG_(\d+)", _frame, name): camera for name, camera in exact.items()}
+
+
+def _frame(numbered: re.Match) -> str:
+    return f"frame_{int(numbered[1]):06d}"
 
 
 def _exact_data(top: Path, exact: dict[str, Camera], found: dict[str, Camera]) -> Path:

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 LARGEST_SIDE = 16_384  # pixels
 SQUARED = "adjustPixelAspectRatio"  # a policy by which pixels become as wide as the aperture asks for
-POLICIES = {  # what becomes of (width over height) of an aperture and a picture: whether its height decides
-    "expandAperture": lambda aperture, picture: aperture < picture,
+EXPAND = "expandAperture"  # the policy of settings that say nothing
+POLICIES = {  # by width over height of an aperture and of a picture: whether the aperture's height fills the picture's
+    EXPAND: lambda aperture, picture: aperture < picture,
     "cropAperture": lambda aperture, picture: aperture > picture,
     "adjustApertureWidth": lambda aperture, picture: True,
     "adjustApertureHeight": lambda aperture, picture: False,
 }
-EXPAND = "expandAperture"  # that of settings that say nothing
 
 
 def settings_camera(stage: Usd.Stage) -> list[Sdf.Path]:

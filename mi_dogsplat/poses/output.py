@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from ..datasets.colmap import read_sources
-from ..datasets.images import read_image, straight_color
+from ..datasets.images import read_image
 from ..datasets.lens import Undistortion, undistortion
 from ..datasets.point_colors import in_srgb
 from ..support.errors import DataError
-from ..support.files import replacing
 from .colmap_database import require_room
+from .resampled import write_resampled
 
-QUALITY = {"quality": 98, "subsampling": 0}  # of undistorted JPEG
 PART = "sparse.part"
 VIEW_BYTES = 1024  # of an image in all files: its name, pose, camera, rig and frame, at most
 FEATURE_BYTES, POINT_BYTES, SEEN_BYTES = 24, 51, 8  # of a feature in an image, of a point, of each image that sees it
@@ -77,16 +75,7 @@ def undistort(
 def _resample(source: Path, target: Path, how: Undistortion) -> None:
     if target.is_file():
         return
-    pixels = how.image(read_image(source))
-    if pixels.shape[2] == 4:  # PNG is not premultiplied
-        pixels[..., :3] = straight_color(pixels[..., :3], pixels[..., 3:])
-    pixels = np.rint(np.clip(pixels, 0, 1) * 255).astype(np.uint8)
-    with replacing(target) as part:
-        image = Image.fromarray(pixels)
-        if target.suffix.lower() in (".jpg", ".jpeg"):
-            image.save(part, "JPEG", **QUALITY)
-        else:
-            image.save(part, "PNG")
+    write_resampled(how.image(read_image(source)), target)
 
 
 def _pinhole(pycolmap: Any, model: Any, straight: dict[str, Undistortion]) -> Any:

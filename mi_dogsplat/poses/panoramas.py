@@ -9,22 +9,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
-from PIL import Image
 from scipy.ndimage import map_coordinates, spline_filter
 
-from ..datasets.images import UNREADABLE, open_image, read_image, straight_color
+from ..datasets.images import UNREADABLE, open_image, read_image, stored_size
 from ..support.cores import usable_cores
 from ..support.errors import DataError
-from ..support.files import replacing
 from .config import EQUIRECTANGULAR
 from .photographs import Photograph
+from .resampled import write_resampled
 
 SIDES = {  # where each view looks (x right, y down, z ahead): its right and its down; what is ahead of it follows
     "front": ((1, 0, 0), (0, 1, 0)),
@@ -35,7 +34,6 @@ SIDES = {  # where each view looks (x right, y down, z ahead): its right and its
     "up": ((1, 0, 0), (0, 0, 1)),
 }
 XMP = re.compile(rb"GPano:ProjectionType[=>]\s*[\"']?\s*equirectangular", re.IGNORECASE)
-QUALITY = {"quality": 98, "subsampling": 0}  # of JPEG: the pixels have been compressed before
 MOST_THREADS = 4  # a panorama of 5760x2880 takes nearly 1 GB while it is cut
 SEAM = 8  # pixels beyond each edge that a spline sees: a panorama goes on round the circle, and beyond its poles
 
@@ -88,32 +86,37 @@ class Cut:
         return made
 
 
-def require_panoramas(photographs: Sequence[Photograph], folder: Path) -> Cut:
-    """How all of them are cut. Raises ``DataError`` where one is none, or they are not of one size."""
-    first = photographs[0]
-    for p in photographs:
-        size = f"{p.width}x{p.height}"
-        if p.width != 2 * p.height:
-            problem = f"is {size}, no panorama of all directions, which is twice as wide as high"
-            raise DataError(folder / p.name, problem, f"leave it out, or leave out --lens {EQUIRECTANGULAR}")
-        if p.width != first.width:
-            problem = f"is {size}, and {first.name} is {first.width}x{first.height}"
-            raise DataError(folder / p.name, problem, "export all panoramas in one size")
-    return Cut(first.width)
+def require_shapes(photographs: Iterable[Path], panoramas: bool) -> None:
+    """Raise ``DataError`` where photographs are not what they are said to be: ``panoramas``, or none of them.
 
-
-def refuse_panoramas(photographs: Mapping[str, Path]) -> None:
-    """Raise ``DataError`` where a photograph says of itself that it is a panorama of all directions."""
-    for path in photographs.values():
+    One that cannot be read is told later, with all others.
+    """
+    sizes: dict[Path, tuple[int, int]] = {}
+    for path in photographs:
         try:
             with open_image(path) as image:
-                said = image.info.get("xmp")
-                found = image.width == 2 * image.height and isinstance(said, bytes) and XMP.search(said)
-        except UNREADABLE:  # which is told with all others
+                sizes[path], said = stored_size(image), image.info.get("xmp")
+        except UNREADABLE:
             continue
-        if found:
+        width, height = sizes[path]
+        if not panoramas and width == 2 * height and isinstance(said, bytes) and XMP.search(said):
             remedy = f"give dogsplat poses --lens {EQUIRECTANGULAR}, and train with what comes of it"
             raise DataError(path, "is a panorama of all directions, as its XMP says", remedy)
+    if panoramas and sizes:
+        cut_of(sizes)
+
+
+def cut_of(sizes: Mapping[Path, tuple[int, int]]) -> Cut:
+    """How panoramas of these widths and heights are cut. Raises ``DataError`` where one is none, or they differ."""
+    first, (wide, _) = next(iter(sizes.items()))
+    for path, (width, height) in sizes.items():
+        if width != 2 * height:
+            problem = f"is {width}x{height}, no panorama of all directions, which is twice as wide as high"
+            raise DataError(path, problem, f"leave it out, or leave out --lens {EQUIRECTANGULAR}")
+        if width != wide:
+            problem = f"is {width}x{height}, and {first.name} is {wide}x{wide // 2}"
+            raise DataError(path, problem, "export all panoramas in one size")
+    return Cut(wide)
 
 
 def cut_panoramas(
@@ -123,12 +126,12 @@ def cut_panoramas(
 
     Raises ``DataError``.
     """
-    cut, made = require_panoramas(photographs, panoramas), []
+    cut, made = cut_of({panoramas / p.name: (p.width, p.height) for p in photographs}), []
     with ThreadPoolExecutor(min(MOST_THREADS, usable_cores())) as pool:  # SciPy and Pillow let go of the lock
         for views in pool.map(lambda photograph: _views(photograph, cut, panoramas, images), photographs):
             made += views
             progress(len(made) // len(SIDES), len(photographs))
-    return sorted(made, key=lambda view: ([*SIDES].index(side_of(view.name)), view.name))
+    return made
 
 
 def cut_masks(photographs: Sequence[Photograph], panoramas: Path, masks: Path) -> int:
@@ -138,21 +141,18 @@ def cut_masks(photographs: Sequence[Photograph], panoramas: Path, masks: Path) -
         mask = panoramas / f"{photograph.name}.png"
         if not mask.is_file():
             continue
+        targets = {side: masks / side / mask.name for side in SIDES}
+        n += len(targets)
+        if all(target.is_file() for target in targets.values()):
+            continue
         for side, view in cut.views(read_image(mask)[..., :1]).items():
-            with replacing(masks / side / mask.name) as part:
-                Image.fromarray(np.where(view[..., 0] >= 0.5, 255, 0).astype(np.uint8)).save(part, "PNG")
-            n += 1
+            write_resampled(np.repeat(view >= 0.5, 3, axis=2), targets[side])
     return n
-
-
-def side_of(name: str) -> str:
-    """Which side the view of this name shows."""
-    return PurePosixPath(name).parts[0]
 
 
 def panorama_of(name: str) -> str:
     """The name of the panorama that a view of this name is of."""
-    return str(PurePosixPath(*PurePosixPath(name).parts[1:]))
+    return name.partition("/")[2]
 
 
 def _views(photograph: Photograph, cut: Cut, panoramas: Path, images: Path) -> list[Photograph]:
@@ -160,7 +160,7 @@ def _views(photograph: Photograph, cut: Cut, panoramas: Path, images: Path) -> l
     targets = {side: images / side / photograph.name for side in SIDES}
     if not all(target.is_file() for target in targets.values()):
         for side, view in cut.views(read_image(panoramas / photograph.name)).items():
-            _write(view, targets[side])
+            write_resampled(view, targets[side])
     size = side_size(cut.width)
     return [
         Photograph(
@@ -169,14 +169,3 @@ def _views(photograph: Photograph, cut: Cut, panoramas: Path, images: Path) -> l
         )  # fmt: skip
         for side in SIDES
     ]
-
-
-def _write(pixels: np.ndarray, target: Path) -> None:
-    if pixels.shape[2] == 4:  # PNG is not premultiplied
-        pixels = np.concatenate([straight_color(pixels[..., :3], pixels[..., 3:]), pixels[..., 3:]], axis=2)
-    image = Image.fromarray(np.rint(np.clip(pixels, 0, 1) * 255).astype(np.uint8))
-    with replacing(target) as part:
-        if target.suffix.lower() in (".jpg", ".jpeg"):
-            image.save(part, "JPEG", **QUALITY)
-        else:
-            image.save(part, "PNG")

@@ -40,7 +40,7 @@ from .input import find_photographs, is_video, mask_folder, require_input
 from .mapping import reconstruct
 from .matching import match
 from .output import undistort, write_model
-from .panoramas import SIDES, cut_masks, cut_panoramas, refuse_panoramas
+from .panoramas import SIDES, cut_masks, cut_panoramas, require_shapes
 from .photographs import Photograph, prepare, prepare_masks
 from .rigs import tie_views
 from .summary import Summary, outcome_of, summary_of
@@ -141,8 +141,7 @@ def find_poses(
     photographs = {} if is_video(source) else find_photographs(source, out, masks)
     if not photographs:
         require_video(source)
-    if not config.panoramas:
-        refuse_panoramas(photographs)
+    require_shapes(photographs.values(), config.panoramas)
     search = Search(source, photographs, masks, out, config)
     begin(out / SETTINGS, search.settings(), "search for poses", search.free())
     with locked(out, "another process is looking for poses in it"):

@@ -4,7 +4,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import panoramas
 import pytest
 from command_line import assert_one_line, run
 from mi_dogsplat.datasets import load_dataset
@@ -12,14 +11,15 @@ from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.panoramas import SIDES, Cut, cut_panoramas, side_rotation, side_size
 from mi_dogsplat.poses.photographs import Photograph
 from mi_dogsplat.poses.run import find_poses
-from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
 from posed_room import found_cameras
 
 from benchmarks.poses.filmed_scene import textured_room
 from benchmarks.poses.pose_error import pose_error
+from benchmarks.poses.traced_panoramas import exact_cameras, panorama, places
 
+WIDTH, N = 640, 5
 LOOKS = {
     "front": (0, 0, 1), "right": (1, 0, 0), "back": (0, 0, -1), "left": (-1, 0, 0), "down": (0, 1, 0), "up": (0, -1, 0),
 }  # fmt: skip
@@ -39,13 +39,6 @@ def directions(width: int) -> np.ndarray:
     return np.stack([np.sin(polar) * np.sin(azimuth), -np.cos(polar), np.sin(polar) * np.cos(azimuth)], axis=-1)
 
 
-def side_camera(c2w: np.ndarray, side: str, size: int) -> Camera:
-    """Of a view of the panorama that has this matrix [4, 4]."""
-    turned = c2w.copy()
-    turned[:3, :3] = c2w[:3, :3] @ side_rotation(side).T
-    return Camera(np.linalg.inv(turned), size / 2, size / 2, size / 2, size / 2, size, size)
-
-
 @pytest.mark.parametrize("side", SIDES)
 def test_a_view_shows_what_lies_in_its_direction(side):
     """Of a function of the direction alone: the same by the panorama and by the rays of a pinhole."""
@@ -53,7 +46,7 @@ def test_a_view_shows_what_lies_in_its_direction(side):
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3))
     assert np.linalg.det(rotation) == pytest.approx(1)
     np.testing.assert_array_equal(rotation.T @ [0, 0, 1], LOOKS[side])
-    camera = side_camera(np.eye(4), side, size)
+    camera = exact_cameras([np.eye(4)], 400)[f"{side}_IMG_0"]
     x = np.arange(size) + 0.5
     rays = camera.unproject(np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2), np.ones(size * size))
     view = Cut(400).views(colours(directions(400)))[side]
@@ -72,10 +65,10 @@ def photographed(tmp_path_factory) -> Path:
     """Panoramas of the room, and a mask for the first one, black to the left of its middle."""
     folder, scene = tmp_path_factory.mktemp("panoramas") / "panoramas", textured_room()
     (folder / "masks").mkdir(parents=True)
-    for k, c2w in enumerate(panoramas.places()):
-        Image.fromarray(panoramas.panorama(scene, c2w)).save(folder / f"IMG {k}.png")
-    mask = np.zeros((panoramas.WIDTH // 2, panoramas.WIDTH), np.uint8)
-    mask[:, panoramas.WIDTH // 2 :] = 255
+    for k, c2w in enumerate(places(N)):
+        Image.fromarray(panorama(scene, c2w, WIDTH, 4)).save(folder / f"IMG {k}.png")
+    mask = np.zeros((WIDTH // 2, WIDTH), np.uint8)
+    mask[:, WIDTH // 2 :] = 255
     Image.fromarray(mask).save(folder / "masks" / "IMG 0.png")
     return folder
 
@@ -88,16 +81,13 @@ def posed(photographed) -> Path:
 
 
 def test_panoramas_are_found_where_they_were_taken(posed):
-    size, exact = side_size(panoramas.WIDTH), {}
-    for k, c2w in enumerate(panoramas.places()):
-        for side in SIDES:
-            exact[f"{side}_IMG_{k}"] = side_camera(c2w, side, size)
+    exact = exact_cameras(places(N), WIDTH)
     found = found_cameras(posed)
     error = pose_error(exact, found)
-    assert found.keys() == exact.keys() and error.n == 6 * panoramas.N and error.focal == 1
+    assert found.keys() == exact.keys() and error.n == 6 * N and error.focal == 1
     assert error.largest_position < 0.02 and error.angle < 0.3
     views = {view.name: view.camera for view in load_dataset(posed).views}
-    for k in range(panoramas.N):  # upright, and all views from one place
+    for k in range(N):  # upright, and all views from one place
         np.testing.assert_allclose(views[f"up_IMG_{k}"].c2w[:3, 2], [0, -1, 0], atol=0.01)
         np.testing.assert_allclose(views[f"up_IMG_{k}"].position, views[f"left_IMG_{k}"].position, atol=1e-5)
 
@@ -105,7 +95,7 @@ def test_panoramas_are_found_where_they_were_taken(posed):
 def test_masks_of_panoramas_are_cut_along(posed):
     masks = {side: np.asarray(Image.open(posed / "masks" / side / "IMG_0.png.png")) for side in SIDES}
     assert masks["right"].min() == 255 and masks["left"].max() == 0
-    half = side_size(panoramas.WIDTH) // 2
+    half = side_size(WIDTH) // 2
     for side, used in (("front", np.s_[:, half + 1 :]), ("down", np.s_[:, half + 1 :]), ("back", np.s_[:, : half - 1])):
         assert masks[side][used].min() == 255 and abs(masks[side].mean() / 255 - 0.5) < 0.02
     observations = load_dataset(posed).observations
@@ -114,15 +104,22 @@ def test_masks_of_panoramas_are_cut_along(posed):
     assert np.concatenate(seen).size > 30 and np.concatenate(seen).min() == 255
 
 
-def test_what_is_no_panorama_is_told_by_its_size(tmp_path):
-    def image(name: str, width: int, height: int) -> Photograph:
-        return Photograph(name, width, height, "", None)
+@pytest.mark.parametrize("size, said", [
+    ((60, 40), "b.png: is 60x40, no panorama of all directions, .* leave out --lens EQUIRECTANGULAR"),
+    ((80, 40), "b.png: is 80x40, and a.png is 64x32; export all panoramas in one size"),
+])  # fmt: skip
+def test_what_is_no_panorama_is_told_before_anything_is_written(tmp_path, size, said):
+    for name, shape in {"a.png": (64, 32), "b.png": size}.items():
+        Image.new("RGB", shape).save(tmp_path / name)
+    with pytest.raises(DataError, match=said):
+        find_poses(tmp_path, tmp_path / "out", PosesConfig(lens="EQUIRECTANGULAR"))
+    assert not (tmp_path / "out").exists()
 
-    with pytest.raises(DataError, match="b.jpg: is 400x300, no panorama of all directions, .* leave out --lens EQUIRE"):
-        cut_panoramas([image("a.jpg", 400, 200), image("b.jpg", 400, 300)], tmp_path, tmp_path, lambda done, n: None)
-    with pytest.raises(DataError, match="b.jpg: is 600x300, and a.jpg is 400x200; export all panoramas in one size"):
-        cut_panoramas([image("a.jpg", 400, 200), image("b.jpg", 600, 300)], tmp_path, tmp_path, lambda done, n: None)
-    assert not list(tmp_path.iterdir())
+
+def test_frames_of_a_video_that_is_no_panorama_are_not_cut(tmp_path):
+    frame = Photograph("frame_000000.jpg", 640, 360, "", None)
+    with pytest.raises(DataError, match="frame_000000.jpg: is 640x360, no panorama"):
+        cut_panoramas([frame], tmp_path, tmp_path, lambda done, n: None)
 
 
 XMP = '<rdf:Description xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" GPano:ProjectionType{}/>'
@@ -141,7 +138,7 @@ def test_a_search_among_panoramas_goes_on_where_it_was(photographed, posed, tmp_
     out = shutil.copytree(posed, tmp_path / "out")
     shutil.rmtree(out / "sparse")
     summary = find_poses(photographed, out, PosesConfig(lens="EQUIRECTANGULAR"))
-    assert summary.n_registered == 6 * panoramas.N and len(summary.cameras) == 1
+    assert summary.n_registered == 6 * N and len(summary.cameras) == 1
 
 
 def test_views_of_panoramas_have_no_lens_to_undistort(tmp_path, capsys):
