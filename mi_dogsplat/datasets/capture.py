@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import OPENCV_FROM_OPENGL
-from ..support.errors import DataError
+from ..support.errors import DataError, Wrong
 from ..support.files import remove_parts, replacing
 from ..support.locks import locked
 from ..support.pictures import write_exr, write_png, write_radiance
@@ -38,7 +38,7 @@ from .point_ply import write_point_ply
 from .scene_digests import scene_digests, sha256
 from .scene_file import framing_sphere, load_scene, shows_splats, warn_of_unseen_splats
 from .shared_points import told_by_several
-from .traced_view import Unusable, as_srgb, depth_of, first_seen, render_shot
+from .traced_view import as_srgb, depth_of, first_seen, render_shot
 
 SETTINGS = "capture.json"
 FREE = ("scene", "points")  # settings that may change from one start to the next, as no picture depends on them
@@ -178,7 +178,7 @@ def _capture_view(mi: Any, plan: Plan, i: int, out: Path) -> None:
     shot, config = plan.shots[i], plan.config
     try:
         image = render_shot(mi, plan.scene, shot, config.spp, config.seed * len(plan.shots) + i, config.alpha)
-    except Unusable as error:
+    except Wrong as error:
         raise DataError(plan.file, f"view {shot.name} {error.problem}", error.remedy) from error
     except RuntimeError as error:
         raise scene_error(plan.file, error, f"Mitsuba cannot render view {shot.name}") from error

@@ -12,7 +12,7 @@ import numpy as np
 from ..scene.camera_file import FORMAT, camera_from_json
 from ..scene.cameras import Camera
 from ..scene.mitsuba_cameras import SQUARE_TOLERANCE, camera_from_mitsuba
-from ..support.errors import DataError
+from ..support.errors import DataError, Wrong
 from ..support.files import read_json
 from .camera_paths import FAR, Shot
 from .dataset import require_unique_names
@@ -38,7 +38,7 @@ def sensor_shots(path: Path, scene: Any, downscale: int) -> list[Shot]:
             camera = unmirrored(camera_from_mitsuba(sensor))
         except ValueError as error:
             remedy = "only perspective sensors outside of media can be captured: change or remove it"
-            problem = str(error).partition("; ")[0]  # what others are told to use is said here in other words
+            problem = error.problem if isinstance(error, Wrong) else str(error)  # the remedy is another one here
             raise DataError(path, f"{told(sensor, i)}: {problem}", remedy) from error
         camera = shrunk(path, camera, told(sensor, i), downscale)
         shots.append(Shot(sensor_name(sensor.id(), i), camera, float(sensor.near_clip()), float(sensor.far_clip())))

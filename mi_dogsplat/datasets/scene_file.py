@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from ..support.errors import DataError
 from ..support.scene_errors import as_mitsuba_reads, scene_error
+from ..support.scene_limits import require_limits
+from ..support.scene_loading import finding_files
 from ..support.threads import threads_to_load
 from ..support.variants import require_variant
 from ..support.wording import counted
@@ -36,6 +38,7 @@ def load_scene(
     with _finding_files(path):
         state = mi.parser.parse_file(config, str(path), **(defined or {}))
         mi.parser.transform_all(config, state)
+        require_limits(path, state)
         integrators = [node.props for node in state.nodes if node.type == mi.ObjectType.Integrator]
         for properties in integrators if hide_emitters else ():
             properties["hide_emitters"] = True
@@ -52,23 +55,14 @@ def load_scene(
 
 @contextmanager
 def _finding_files(path: Path) -> Iterator[Any]:
-    """Files that a scene names are found beside it, and where its ``<path>`` says, as ``mi.load_file`` has it.
-
-    Gives what resolves their names. Raises ``DataError`` for what Mitsuba raises meanwhile.
-    """
-    import mitsuba as mi
-
-    folders: Any = cast(Any, mi.file_resolver)()
-    before = [folders[i] for i in range(len(folders))]
-    folders.prepend(as_mitsuba_reads(path.parent.resolve()))
+    """As ``finding_files``; what Mitsuba raises meanwhile is a ``DataError``."""
     try:
-        yield folders
+        with finding_files(path) as folders:
+            yield folders
+    except DataError:
+        raise
     except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
         raise scene_error(path, error, "Mitsuba cannot load it") from error
-    finally:
-        folders.clear()
-        for folder in before:
-            folders.append(folder)
 
 
 def has_splats(path: Path) -> bool:

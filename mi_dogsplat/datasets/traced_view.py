@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.mitsuba_cameras import camera_to_mitsuba
-from ..support.errors import interruptible
+from ..support.errors import Wrong, interruptible
 from ..support.pictures import without_aovs
 from ..support.srgb import linear_to_srgb
 from .camera_paths import Shot
@@ -18,14 +18,6 @@ MAX_ALPHA = 1.001  # 1 up to rounding
 MAX_LAYERS = 32  # surfaces that a ray may pass before it counts as lost
 SEEDS = 2**32  # of Mitsuba
 PASS_SAMPLES = 2**25  # samples of one launch: bounds the memory, and how long Ctrl-C waits
-
-
-class Unusable(ValueError):
-    """A picture that no data set can have: what is wrong, and what to do."""
-
-    def __init__(self, problem: str, remedy: str):
-        super().__init__(f"{problem}; {remedy}")
-        self.problem, self.remedy = problem, remedy
 
 
 def sensor_of(mi: Any, shot: Shot, alpha: bool) -> Any:
@@ -39,7 +31,7 @@ def render_shot(mi: Any, scene: Any, shot: Shot, spp: int, seed: int, alpha: boo
     """Linear radiance float32 [H, W, 3] of what the scene's own integrator shows, or premultiplied [H, W, 4].
 
     ``spp`` is rounded up to a square number, as the stratified sampler needs; many samples are split into passes.
-    Raises ``Unusable`` for values that are not finite, and for an integrator whose alpha is no coverage.
+    Raises ``Wrong`` for values that are not finite, and for an integrator whose alpha is no coverage.
     """
     n_pixels = shot.camera.width * shot.camera.height
     n_passes = math.ceil(n_pixels * spp / PASS_SAMPLES)
@@ -55,11 +47,11 @@ def render_shot(mi: Any, scene: Any, shot: Shot, spp: int, seed: int, alpha: boo
         bitmap = without_aovs(loaded.film().bitmap())
         linear += np.array(bitmap.convert(pixel_format, mi.Struct.Type.Float32, False)) / n_passes
     if not np.isfinite(linear).all():
-        raise Unusable("renders to NaN or infinity", "correct the scene")
+        raise Wrong("renders to NaN or infinity", "correct the scene")
     if not alpha:
         return linear
     if linear[..., 3].max() > MAX_ALPHA:  # particle tracers count particles there
-        raise Unusable("has no coverage as alpha", "use an integrator that traces from the camera, or not --alpha")
+        raise Wrong("has no coverage as alpha", "use an integrator that traces from the camera, or not --alpha")
     return linear
 
 

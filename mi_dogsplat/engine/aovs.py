@@ -26,6 +26,7 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
+from ..support.errors import Wrong
 from .arrays import detached
 from .options import RasterOptions
 from .rasterize import Frame
@@ -47,15 +48,15 @@ AOVS = tuple(CHANNELS)
 def read_names(text: str, further: Sequence[str] = ()) -> list[str]:
     """Names from a comma-separated list, of ``AOVS`` and ``further`` ones.
 
-    Raises ``ValueError`` for one that is unknown, or is there twice.
+    Raises ``Wrong`` for one that is unknown, or is there twice.
     """
     known = (*AOVS, *further)
     names = [name.strip() for name in text.split(",") if name.strip()]
     for k, name in enumerate(names):
         if name not in known:
-            raise ValueError(f'unknown AOV "{name}"; available are {", ".join(known)}')
+            raise Wrong(f'unknown AOV "{name}"', f"available are {', '.join(known)}")
         if name in names[:k]:
-            raise ValueError(f'the AOV "{name}" is there twice; name it once')
+            raise Wrong(f'the AOV "{name}" is there twice', "name it once")
     return names
 
 

@@ -20,8 +20,9 @@ from ..engine.walks.aovs import WALKED, walked
 from ..plugin.transfer import srgb_to_linear
 from ..scene.row_groups import CURVATURES, CUTS, DOG, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
 from ..scene.splats import MAX_SH_DEGREE, Splats
-from ..support.scene_errors import as_mitsuba_reads, scene_error
-from ..support.threads import threads_to_load
+from ..support.errors import DataError
+from ..support.scene_errors import scene_error
+from ..support.scene_loading import load_file
 from ..support.wording import count, counted, file_size
 from .unneeded import Unneeded, largest_alphas, used_sh_degrees
 
@@ -225,10 +226,10 @@ def splat_scene(path: Path) -> mi.Scene | None:
 
     if path.suffix != ".xml":
         return None
-    file = as_mitsuba_reads(path)
     try:
-        with threads_to_load():
-            scene = mi.load_file(file)
+        scene = load_file(path)
+    except DataError:
+        raise
     except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
         raise scene_error(path, error, "Mitsuba cannot load it") from error
     if not isinstance(scene, mi.Scene) or not isinstance(scene.integrator(), SplatIntegrator):

@@ -47,7 +47,7 @@ def _primitives(props: Any) -> tuple[Model, str]:
         source = str(resolver.resolve(given(props, "filename", str)))
         return read_model(source), source
     if missing := [name for name in RAW if name not in tensors]:
-        raise RuntimeError(f"dog: missing tensors {', '.join(missing)}")
+        raise RuntimeError(f"dog: missing tensors {', '.join(missing)}; give them, too")
     return Model(Splats(**{name: on_host(props[name]) for name in tensors})), f'shape "{props.id()}" of tensors'
 
 

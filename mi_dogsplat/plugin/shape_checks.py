@@ -31,7 +31,8 @@ def require_rows(shapes: Mapping[str, tuple], rows: Mapping[str, tuple], n: int,
 def require_index(name: str, index: np.ndarray, n: int) -> None:
     """It names some of ``n`` primitives, each once and in order."""
     if index.size and int(index.max()) >= n:
-        raise RuntimeError(f'dog: "{name}" names primitive {int(index.max())}, "means" has {counted(n, "row")}')
+        named, rows = int(index.max()), counted(n, "row")
+        raise RuntimeError(f'dog: "{name}" names primitive {named}, "means" has {rows}; correct it')
     if np.any(index[1:] <= index[:-1]):
         raise RuntimeError(f'dog: "{name}" is not strictly increasing; sort it, each primitive once')
 
@@ -41,4 +42,5 @@ def require_one_degree(indices: Sequence[np.ndarray], size: int) -> None:
     if size > 1 and any(len(index) for index in indices):
         raise RuntimeError(f'dog: "sh_coeffs" has {size} coefficients; beside groups of SH degrees it has 1')
     if (twice := in_several(indices)) is not None:
-        raise RuntimeError(f'dog: primitive {twice} is in several of "sh1_index", "sh2_index", "sh3_index"')
+        names = '"sh1_index", "sh2_index", "sh3_index"'
+        raise RuntimeError(f"dog: primitive {twice} is in several of {names}; it has one degree")

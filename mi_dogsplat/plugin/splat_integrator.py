@@ -178,6 +178,8 @@ class SplatIntegrator(ADIntegrator):
         if spp == 0:
             averages = self.averages(scene) or sensor.needs_aperture_sample()
             spp = sensor.sampler().sample_count() if averages else 1
+            if spp == 0:
+                raise RuntimeError(f'{self.name}: the "sample_count" of the sampler is 0; give it, or spp, 1 or more')
         if spp > MOST_PASSES:
             raise RuntimeError(f"{self.name}: spp is {spp}, it must be at most {MOST_PASSES}; average several renders")
         if spp > 1 and "index" in self.aovs:
@@ -218,7 +220,7 @@ class SplatIntegrator(ADIntegrator):
             self._looked_for_unseen = True
             self.warn_of_unseen(scene)
         if not shapes:
-            raise RuntimeError(f'{self.name}: the scene has no shape of type "dog"')
+            raise RuntimeError(f'{self.name}: the scene has no shape of type "dog"; add one')
         params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])
         return SplattedModel(params, sh_degree_of(sh_size), self.drawn_as(scene))
 

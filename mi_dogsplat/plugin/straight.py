@@ -22,13 +22,19 @@ class LatestStraight:
 
     def __init__(self) -> None:
         self._shapes: Any = None
+        self._all: list = []  # those of groups, which only their instances show, too
         self._materials: list = []
         self._passes = False
 
     def of(self, scene: mi.Scene) -> bool:
-        shapes, materials = scene.shapes_dr(), [shape.bsdf() for shape in scene.shapes()]
-        if self._shapes is None or shapes.index != self._shapes.index or materials != self._materials:
-            self._shapes, self._materials, self._passes = shapes, materials, lets_straight(scene)
+        shapes = scene.shapes_dr()
+        another = self._shapes is None or shapes.index != self._shapes.index
+        if another:
+            parts: Any = mi.traverse(scene).hierarchy
+            self._shapes, self._all = shapes, [part for part in parts if isinstance(part, mi.Shape)]
+        materials = [shape.bsdf() for shape in self._all]
+        if another or materials != self._materials:
+            self._materials, self._passes = materials, lets_straight(scene)
         return self._passes
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..engine.aovs import read_names
 from ..formats.read import read_model, require_primitives
 from ..scene.appearance import read_appearance
-from ..support.errors import DataError, writing
+from ..support.errors import DataError, Wrong, writing
 from ..support.files import replacing, require_place
 from ..support.pictures import write_channels, write_exr, write_png
 from ..support.variants import require_arrays, require_variant
@@ -133,9 +133,8 @@ def _aovs(out: Path, aovs: str | None) -> list[str]:
         return ["depth"] if suffix == ".npz" else []
     try:
         names = read_names("depth" if aovs is None else aovs)
-    except ValueError as error:
-        problem, _, remedy = str(error).rpartition("; ")
-        raise DataError("--aovs", problem, remedy) from error
+    except Wrong as error:
+        raise error.at("--aovs") from error
     return [name for name in names if name != "alpha"]  # the channel A, which every such file has
 
 

@@ -15,9 +15,11 @@ import numpy as np
 from ..datasets.scene_file import warn_of_unseen_splats
 from ..plugin.denoising import AOV, CHANNELS
 from ..plugin.film import pixel_format_of
+from ..plugin.samples import MOST_PASSES
 from ..support.errors import DataError, interruptible, undisguised
-from ..support.scene_errors import as_mitsuba_reads, scene_error
-from ..support.threads import threads_to_load
+from ..support.scene_errors import scene_error
+from ..support.scene_limits import MOST_SAMPLES
+from ..support.scene_loading import load_file
 from ..support.wording import counted
 from .denoise import denoised, require_denoiser
 
@@ -79,17 +81,15 @@ def scene_to_draw(path: Path, options: SceneOptions) -> SceneToDraw:
 
     Needs a Mitsuba variant. Raises ``DataError``, also for what Mitsuba has to say about the scene.
     """
-    if options.spp < 0:
-        raise DataError("--spp", f"{options.spp} samples per pixel are not possible", "give 1 or more")
+    _require_spp(options.spp, MOST_SAMPLES)
     if not path.is_file():
         raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
     if options.denoise:
         require_denoiser("--denoise")
-    file = as_mitsuba_reads(path)
     with mitsuba_errors(path):
-        scene = _loaded(file, options.defined or {})
-        sensor = _sensor(scene, file, options.sensor)
-        integrator = _integrator(scene, path, options.defined)
+        scene = _loaded(path, options.defined or {})
+        sensor = _sensor(scene, path, options.sensor)
+        integrator = _integrator(scene, path, options)
         if options.denoise:
             _ask_for_guides(integrator, sensor.film())
         return SceneToDraw(path, scene, sensor, integrator, options)
@@ -106,7 +106,7 @@ def mitsuba_errors(path: Path) -> Iterator[None]:
         raise scene_error(path, error, "Mitsuba cannot render it") from error
 
 
-def _sensor(scene: Any, file: str, number: int) -> Any:
+def _sensor(scene: Any, path: Path, number: int) -> Any:
     """The one with this number."""
     if not isinstance(scene, mi.Scene):
         raise RuntimeError("its root is no scene")
@@ -114,34 +114,41 @@ def _sensor(scene: Any, file: str, number: int) -> Any:
     if not n_sensors:
         raise RuntimeError("it has no sensor")
     if not 0 <= number < n_sensors:
-        raise DataError("--sensor", f"{file} has {counted(n_sensors, 'sensor')}", f"give 0 to {n_sensors - 1}")
+        raise DataError("--sensor", f"{path} has {counted(n_sensors, 'sensor')}", f"give 0 to {n_sensors - 1}")
     return scene.sensors()[number]
 
 
-def _integrator(scene: Any, path: Path, defined: Mapping[str, str] | None) -> Any:
-    """That of the scene."""
+def _integrator(scene: Any, path: Path, options: SceneOptions) -> Any:
+    """That of the scene. Raises ``DataError`` for more samples than it takes."""
     from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
 
     integrator = scene.integrator()
     if integrator is None:
         raise RuntimeError("it has no integrator")
-    if not isinstance(integrator, SplatIntegrator):
-        warn_of_unseen_splats(path, defined)
+    if isinstance(integrator, SplatIntegrator):
+        _require_spp(options.spp, MOST_PASSES)
+    else:
+        warn_of_unseen_splats(path, options.defined)
     return integrator
 
 
-def _loaded(file: str, defined: Mapping[str, Any]) -> Any:
+def _require_spp(spp: int, most: int) -> None:
+    """Raise ``DataError`` for numbers of samples that nobody can render."""
+    if not 0 <= spp <= most:
+        raise DataError("--spp", f"{spp} samples per pixel are not possible", f"give 1 to {most}, or 0 for the scene's")
+
+
+def _loaded(path: Path, defined: Mapping[str, str]) -> Any:
     """What Mitsuba makes of a file. Raises ``DataError`` for definitions that the scene has no use for."""
     if taken := next((name for name in TAKEN if name in defined), None):
         remedy = "give the parameter of the scene another name"
         raise DataError("--define", f'Mitsuba keeps the name "{taken}" for itself', remedy)
     try:
-        with threads_to_load():
-            return mi.load_file(file, **defined)
+        return load_file(path, defined)
     except RuntimeError as error:
         if (unused := _UNUSED.search(str(error))) is None:
             raise
-        problem, remedy = f'{file} has no parameter "${unused["name"]}"', "leave it out, or correct its name"
+        problem, remedy = f'{path} has no parameter "${unused["name"]}"', "leave it out, or correct its name"
         raise DataError("--define", problem, remedy) from error
 
 

@@ -21,7 +21,7 @@ from ..scene.splats import DENSE, Splats
 from ..support.errors import DataError
 from ..support.files import read_json
 from ..support.scene_errors import scene_error
-from ..support.threads import threads_to_load
+from ..support.scene_loading import load_dict
 from .masks import camera_masks, hides_lamps, is_masked
 from .objects import objects_shine
 from .opaque import make_opaque
@@ -57,9 +57,10 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
             described["splats"] = splats
         if sensor is not None:
             described["sensor"] = sensor
-        with threads_to_load():
-            scene = mi.load_dict(described)
+        scene = load_dict(request.scene, described)
         make_opaque(scene)
+    except DataError:
+        raise
     except (RuntimeError, ValueError, TypeError) as error:
         raise scene_error(request.scene, error, "Mitsuba cannot load it") from error
     if len(scene.sensors()) != 1:

@@ -16,13 +16,13 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..support.errors import DataError
+from ..support.errors import DataError, writing
 from ..support.files import parse_json, replacing
 from ..support.variants import require_arrays
 from .request import FORMAT, SOURCE, read_request
@@ -108,7 +108,7 @@ def _view(views: Views, content: Any, out: Path, another: Callable[[], bool], te
     for number, (share, picture) in enumerate(views.frames(read_view_request(content), another)):
         path = out.with_stem(f"{out.stem}_{number % 2}")
         part = path.with_name(f".{path.name}")
-        with _writing(path):
+        with writing(path):
             try:
                 picture.tofile(part)
                 part.replace(path)  # whoever reads the one before has it whole
@@ -131,14 +131,5 @@ def _whole(answerer: Answerer, content: Any, out: Path, tell: Callable[[dict[str
 
 
 def _write(out: Path, picture: Arrays) -> None:
-    with _writing(out), replacing(out) as part, part.open("wb") as file:
+    with writing(out), replacing(out) as part, part.open("wb") as file:
         np.savez(file, **picture)  # pyright: ignore[reportArgumentType]
-
-
-@contextmanager
-def _writing(out: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(out, problem, "check the folder and its space") from error

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..support.errors import Wrong
 from .cameras import Camera, inverse_rigid, nearest_rigid
 
 SCALE_TOLERANCE = 1e-6  # of a to_world, which is rounded to float32
@@ -36,13 +37,13 @@ def camera_from_mitsuba(sensor: Any) -> Camera:
     """The ``Camera`` of a Mitsuba ``perspective`` sensor, crop window and principal point included.
 
     The image is the film's crop window. ``fov_axis`` and ``focal_length`` are resolved by the plugin itself,
-    which shows the angle as ``x_fov`` over the whole film. Raises ``ValueError`` for any other sensor (a
-    ``thinlens`` is no pinhole).
+    which shows the angle as ``x_fov`` over the whole film. Raises ``Wrong`` for any other sensor (a
+    ``thinlens`` is no pinhole), and ``ValueError`` for a ``to_world`` that is no pose.
     """
     import mitsuba as mi
 
     if "principal_point_offset_x" not in mi.traverse(sensor):
-        raise ValueError(f"{sensor.class_name()} is not a pinhole camera; use a sensor of type perspective")
+        raise Wrong(f"{sensor.class_name()} is not a pinhole camera", "use a sensor of type perspective")
     return central_camera_from_mitsuba(sensor)
 
 

@@ -38,7 +38,7 @@ def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndar
     check_affine(matrix)
     linear, translation = matrix[:3, :3], matrix[:3, 3]
     if not np.isfinite(matrix).all():
-        raise ValueError("a model cannot be moved: this matrix is not finite")
+        raise ValueError("a model cannot be moved: this matrix is not finite; correct it")
     det = np.linalg.det(linear)
     scale = float(np.cbrt(abs(det)))
     if det == 0 or not np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
@@ -84,7 +84,7 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
     linear, translation = matrix[:3, :3], matrix[:3, 3]
     check_regular(linear)
     if not np.isfinite(translation).all():
-        raise ValueError("a model cannot be moved: this translation is not finite")
+        raise ValueError("a model cannot be moved: this translation is not finite; correct it")
     try:
         isometry, scale, _ = decompose_similarity(matrix)
     except ValueError:

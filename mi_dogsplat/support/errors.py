@@ -15,19 +15,31 @@ QUOTED = 600  # characters of a name, or of what quotes a file
 
 
 class DataError(ValueError):
-    """Bad input. ``str(e)`` is one printable line: ``<path>: <problem>; <remedy>``.
+    """Bad input. ``str(e)`` is one printable line: ``<path>: <problem>; <remedy>``. A remedy of None is in the problem.
 
     The command line prints that line and exits with status 2; as a library the exception is a ``ValueError``.
     """
 
-    def __init__(self, path: str | Path, problem: str, remedy: str):
+    def __init__(self, path: str | Path, problem: str, remedy: str | None):
         place, what = (text if len(text) <= QUOTED else text[:QUOTED] + "..." for text in (str(path), problem))
-        line = " ".join(f"{place}: {what}; {remedy}".split())
+        line = " ".join(f"{place}: {what}{'' if remedy is None else f'; {remedy}'}".split())
         super().__init__(printable(line))
         self.path, self._given = Path(path), (path, problem, remedy)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), self._given  # how it goes from process to process, and is copied
+
+
+class Wrong(ValueError):
+    """What is wrong and what to do, of a value of which the caller alone knows where it is from."""
+
+    def __init__(self, problem: str, remedy: str):
+        super().__init__(f"{problem}; {remedy}")
+        self.problem, self.remedy = problem, remedy
+
+    def at(self, place: str | Path) -> DataError:
+        """The same with that place."""
+        return DataError(place, self.problem, self.remedy)
 
 
 @contextmanager
@@ -75,9 +87,7 @@ def making(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if folder.is_symlink() and not folder.exists():
-            problem = f"is a link to {os.readlink(folder)}, which is not there"
-            raise DataError(folder, problem, "make that folder, or name another") from None
+        _require_target(folder)
         raise DataError(folder, error.strerror or str(error), "name a folder that can be written") from None
 
 
@@ -87,8 +97,18 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        _require_target(path.parent)
         problem = f"cannot be written ({error.strerror or error})"
         raise DataError(path, problem, "check that the folder exists, is writable and has space") from error
+
+
+def _require_target(folder: Path) -> None:
+    """Raise ``DataError`` for a folder that is, or lies in, a link to what is not there: nothing can be made of it, and
+    what the system says of that is that it exists."""
+    for place in (folder, *folder.parents):
+        if place.is_symlink() and not place.exists():
+            problem = f"is a link to {os.readlink(place)}, which is not there"
+            raise DataError(place, problem, "make that folder, or name another") from None
 
 
 def gist(error: BaseException) -> str:

@@ -72,7 +72,7 @@ def require_place(path: Path) -> None:
     with writing(path):
         folder = written_file(path).parent
         made_in = () if path.is_symlink() else folder.parents  # no folder is made where a link leads
-        there = next((place for place in (folder, *made_in) if place.exists()), folder)
+        there = next((place for place in (folder, *made_in) if os.path.lexists(place)), folder)
         with TemporaryFile(dir=there):
             pass
 

@@ -28,13 +28,12 @@ def as_mitsuba_reads(path: Path) -> str:
     return str(path)
 
 
-def scene_error(path: Path, error: BaseException, problem: str, remedy: str = "correct the scene") -> DataError:
-    """What an exception says about the scene of a file, with the line that it is about where that is known.
+def located(path: Path, told: str) -> tuple[Path, str, str]:
+    """(file, place, what is wrong) of what Mitsuba tells of a scene: place is ``line 3: ``, ``"node": `` or empty.
 
-    A plugin of ours says what is wrong by itself, and often what to do; what Mitsuba says follows ``problem`` in
-    parentheses. Of a file that others include it is the file that is named.
+    Of a file that others include it is the file that is named.
     """
-    said, place = _SOURCE.sub("", gist(error), count=1), ""
+    said, place = _SOURCE.sub("", told, count=1), ""
     while found := _PLACE.match(said):
         said = _SOURCE.sub("", said[found.end() :], count=1)
         if found["file"]:
@@ -43,13 +42,22 @@ def scene_error(path: Path, error: BaseException, problem: str, remedy: str = "c
             place = f'"{found["node"]}": '
     if found := _NO_XML.match(said):
         path, place, said = Path(found["file"]), f"line {found['line']}: ", found["said"]
+    return path, place, said
+
+
+def scene_error(path: Path, error: BaseException, problem: str, remedy: str = "correct the scene") -> DataError:
+    """What an exception says about the scene of a file, with the line that it is about where that is known.
+
+    A plugin of ours says by itself what is wrong and what to do; what Mitsuba says follows ``problem`` in parentheses,
+    and the remedy that.
+    """
+    path, place, said = located(path, gist(error))
     if (found := _PLUGIN.match(said)) and found["type"] in PLUGINS:
         said = said[found.end() :]
+    if said.startswith(tuple(f"{name}: " for name in PLUGINS)):
+        said = re.sub(rf"^\w+: {re.escape(str(path))}: ", "", said)  # a model alone is named once
+        return DataError(path, place + said, None)
     if found := _UNDEFINED.match(said):
         by_default = f'<default name="{found["name"]}" value="…"/>'
         remedy = f"give it a value by {by_default}, or by the flag -D of dogsplat render or film"
-    if not said.startswith(tuple(f"{name}: " for name in PLUGINS)):
-        return DataError(path, f"{place}{problem} ({said})", remedy)
-    said = re.sub(rf"^\w+: {re.escape(str(path))}: ", "", said)  # a model alone is named once
-    wrong, semicolon, better = said.rpartition("; ")
-    return DataError(path, place + wrong, better) if semicolon else DataError(path, place + said, remedy)
+    return DataError(path, f"{place}{problem} ({said})", remedy)

@@ -78,7 +78,7 @@ def test_a_scene_that_gives_no_picture_can_be_corrected_and_captured_under_the_s
 def test_a_scene_that_is_refused_when_it_is_rendered_is_one_line(tmp_path):
     scene = write_scene(tmp_path, integrator='<integrator type="dogsplat"/>')
     error = error_of(scene, tmp_path / "out", tiny())
-    assert error == f'{scene}: dogsplat: the scene has no shape of type "dog"; correct the scene'
+    assert error == f'{scene}: dogsplat: the scene has no shape of type "dog"; add one'
 
 
 def test_the_command_shows_where_it_looks_and_how_far_it_is(tmp_path, capsys):

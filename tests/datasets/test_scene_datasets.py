@@ -61,7 +61,7 @@ def test_a_scene_that_is_refused_when_it_is_rendered_is_one_line(tmp_path):
     mi.set_variant("llvm_ad_rgb")
     file = scene_file(tmp_path)
     file.write_text(file.read_text().replace('<integrator type="path">', '<integrator type="dogsplat">'))
-    assert 'scene.xml: dogsplat: the scene has no shape of type "dog"; correct the scene' in error_of(file, spp=1)
+    assert 'scene.xml: dogsplat: the scene has no shape of type "dog"; add one' in error_of(file, spp=1)
 
 
 def test_a_scene_of_splats_is_no_data_set(tmp_path):

@@ -253,7 +253,9 @@ def test_what_the_callers_function_raises_is_not_blamed_on_the_scene(scene, tmp_
         (["--white", "2"], ["--white: is for models: a scene says by itself what is drawn, and how; leave it out"]),
         (["--background", "white"], ["--background: is for models"]),
         (["-D", "fog=1"], ['scene.xml has no parameter "$fog"']),
-        (["--spp", "-1"], ["--spp: -1 samples per pixel are not possible"]),
+        (["--spp", "-1"], ["--spp: -1 samples per pixel are not possible; give 1 to 16777216, or 0 for the scene's"]),
+        (["--spp", "99999999999"], ["--spp: 99999999999 samples per pixel are not possible; give 1 to 16777216"]),
+        (["--spp", "300000"], ["--spp: 300000 samples per pixel are not possible; give 1 to 262144"]),  # of splats
         (["--smoothing", "1"], ["--smoothing: is not for --path orbit"]),
     ],
 )

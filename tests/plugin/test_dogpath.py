@@ -189,13 +189,20 @@ def test_wrong_parameters_are_refused():
         mi.load_dict({**ALONE, "nested": {"type": "path"}})
 
 
-@pytest.mark.parametrize(("where", "warned"), [("around the sensor", 1), ("in a ball", 1), ("nowhere", 0)])
+PLACES_OF_FOG = [("around the sensor", 1), ("in a ball", 1), ("in a group", 1), ("nowhere", 0)]
+
+
+@pytest.mark.parametrize(("where", "warned"), PLACES_OF_FOG)
 def test_media_are_not_seen_and_that_is_said_once(capfd, where, warned):
     fog = {"type": "homogeneous", "sigma_t": 1.0}
     ball = {"type": "sphere", "center": [0, 0, 3], "bsdf": {"type": "null"}}
     sensor = sensor_dict(CAMERA) | ({"medium": fog} if where == "around the sensor" else {})
-    ball |= {"interior": fog} if where == "in a ball" else {}
-    scene = mi.load_dict({"type": "scene", "integrator": ALONE, "sensor": sensor, "ball": ball,
+    ball |= {"interior": fog} if where in ("in a ball", "in a group") else {}
+    shown = {"ball": ball}
+    if where == "in a group":
+        shown = {"group": {"type": "shapegroup", **shown}}
+        shown |= {"instance": {"type": "instance", "group": {"type": "ref", "id": "group"}}}
+    scene = mi.load_dict({"type": "scene", "integrator": ALONE, "sensor": sensor, **shown,
                           "splats": dog_dict(rounded(opposite(2.0)))})
     for _ in range(2):
         mi.render(scene, spp=1)

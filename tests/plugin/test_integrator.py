@@ -292,6 +292,13 @@ def test_a_scene_without_a_dog_shape_is_an_error():
     assert 'no shape of type "dog"' in problem_of(scene)
 
 
+def test_a_sampler_without_samples_is_an_error_where_samples_are_averaged():
+    ball, sampler = {"ball": {"type": "sphere"}}, {"type": "independent", "sample_count": 0}
+    scene: Any = mi.load_dict({"type": "scene", "integrator": {"type": "dogpath"}, "splats": dog_dict(MODEL), **ball,
+                               "sensor": {**sensor_dict(CAMERA), "sampler": sampler}})
+    assert 'the "sample_count" of the sampler is 0; give it, or spp, 1 or more' in problem_of(scene)
+
+
 def test_a_sensor_that_cannot_be_splatted_is_an_error_that_names_it_and_those_that_can():
     sensor = {"type": "radiancemeter", "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}}}
     scene: Any = mi.load_dict({"type": "scene", "integrator": {"type": "dogsplat"}, "splats": dog_dict(MODEL),

@@ -199,6 +199,16 @@ def test_a_shape_that_is_given_a_mask_lets_light_pass_from_then_on():
     np.testing.assert_allclose(render(scene), 0.6 * expected_wall()[..., None].repeat(3, -1), rtol=2e-3)
 
 
+def test_a_mask_is_noticed_that_a_shape_of_a_group_is_given():
+    known, ball = LatestStraight(), {"type": "sphere", "bsdf": diffuse(1, 1, 1)}
+    scene = mi.load_dict({"type": "scene", "group": {"type": "shapegroup", "ball": ball},
+                          "instance": {"type": "instance", "group": {"type": "ref", "id": "group"}}})
+    parts: Any = mi.traverse(scene).hierarchy
+    assert not known.of(scene)
+    next(part for part in parts if part.class_name() == "Sphere").set_bsdf(mi.load_dict(mask(0.5)))
+    assert known.of(scene)
+
+
 def test_no_kernel_is_compiled_for_a_number_of_lanes_or_a_segment():
     """Widths of its segments are random numbers."""
     scene = scene_of(ROOM, camera=fine(CAMERA, 2), max_depth=6)

@@ -112,7 +112,8 @@ def test_links_that_lead_nowhere_are_refused_by_their_own_names_and_stay(tmp_pat
 
 def test_a_folder_that_is_a_link_to_nowhere_is_one_line_and_stays(tmp_path):
     out = linked(tmp_path / "out", "unmounted/runs")
-    for attempt in (prepare_folder, lambda place: begin(place / "settings.json", {}, "film")):
+    for attempt in (prepare_folder, lambda place: begin(place / "settings.json", {}, "film"),
+                    lambda place: require_place(place / "of_today" / "a.bin")):  # fmt: skip
         with pytest.raises(DataError, match=f"^{out}: is a link to unmounted/runs, which is not there; make that"):
             attempt(out)
     assert list(tmp_path.iterdir()) == [out]

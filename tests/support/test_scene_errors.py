@@ -35,8 +35,8 @@ def written(tmp_path):
     ({"parameter": '<string name="aovs" value="fog"/>'}, 'line 2: dogsplat: unknown AOV "fog"; available are alpha, '
      "depth, median_depth, normal, index, count, dog_share"),
     ({"parameter": '<float name="near_clip" value="-1"/>'},
-     'line 2: dogsplat: "near_clip" is -1.0, it must be finite, 0 or more; correct the scene'),
-    ({}, 'dogsplat: the scene has no shape of type "dog"; correct the scene'),  # while it renders
+     'line 2: dogsplat: "near_clip" is -1.0, it must be finite, 0 or more'),
+    ({}, 'dogsplat: the scene has no shape of type "dog"; add one'),  # while it renders
     ({"parameter": '<float name="fog" value="1"/>'},
      'line 2: Mitsuba cannot render it (Found 1 unreferenced property in integrator plugin of type "dogsplat": '
      '- float "fog": 1); correct the scene'),
