@@ -18,17 +18,15 @@ MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])  # both look along z; x an
 def sensor(scene: bpy.types.Scene, obj: bpy.types.Object, camera: Camera) -> Plugin:
     """Of an evaluated camera object with these numbers, whose pixels are square."""
     data = obj.data
-    width, height = camera.width, camera.height
     to_world = np.linalg.inv(camera.w2c) @ MITSUBA_FROM_OPENCV
     radius = 0.0 if camera.orthographic else _lens_radius(data)
     film: Plugin = {"type": "hdrfilm", "pixel_format": "rgba", "component_format": "float32"}
     blur = STDDEV_OF_WIDTH * scene.render.filter_size
     film["rfilter"] = {"type": "gaussian", "stddev": blur} if blur > SHARP else {"type": "box"}
     common = {"near_clip": data.clip_start, "far_clip": data.clip_end, "to_world": matrix(to_world), "film": film}
-    if radius == 0:
-        camera, window = _whole(camera)
-        film |= window
-        width, height = camera.width, camera.height
+    whole = _whole(camera) if radius == 0 else _centered(_whole(camera))
+    film |= _window(whole, camera)
+    camera, width, height = whole, whole.width, whole.height
     if camera.orthographic:  # the axis is in the middle of the film, half of whose width is 1
         middle = np.eye(4)
         middle[:2, 3] = (camera.cx - width / 2) / camera.fx, (camera.cy - height / 2) / camera.fy
@@ -39,22 +37,28 @@ def sensor(scene: bpy.types.Scene, obj: bpy.types.Object, camera: Camera) -> Plu
         shift = {"principal_point_offset_x": 0.5 - camera.cx / width}
         shift["principal_point_offset_y"] = 0.5 - camera.cy / height
         return {"type": "perspective", "fov_axis": "x", "fov": _degrees(width, camera.fx), **shift, **common}
-    # A lens of Mitsuba has its axis in the middle of the film: the picture is a window of a larger one.
-    left, top = round(2 * camera.cx - width), round(2 * camera.cy - height)
-    film |= {"width": width + abs(left), "height": height + abs(top), "crop_width": width, "crop_height": height}
-    film |= {"crop_offset_x": max(-left, 0), "crop_offset_y": max(-top, 0)}
     lens = {"aperture_radius": radius, "focus_distance": _focus(obj)}
-    return {"type": "thinlens", "fov_axis": "x", "fov": _degrees(width + abs(left), camera.fx), **lens, **common}
+    return {"type": "thinlens", "fov_axis": "x", "fov": _degrees(width, camera.fx), **lens, **common}
 
 
-def _whole(camera: Camera) -> tuple[Camera, dict[str, int]]:
-    """The camera of all of its picture, to whole pixels, and the film that is the window which it saw of it."""
-    if camera.film is None:
-        return camera, {"width": camera.width, "height": camera.height}
-    left, top, right, bottom = map(round, camera.film)
-    window = {"width": right - left, "height": bottom - top, "crop_width": camera.width, "crop_height": camera.height}
-    window |= {"crop_offset_x": -left, "crop_offset_y": -top}
-    return camera.window(left, top, right, bottom), window
+def _whole(camera: Camera) -> Camera:
+    """The camera of all of the picture of which it sees a part, to whole pixels."""
+    return camera if camera.film is None else camera.window(*map(round, camera.film))
+
+
+def _centered(camera: Camera) -> Camera:
+    """The camera of a larger picture, whose axis is in its middle: a lens of Mitsuba has no other."""
+    right, below = round(2 * camera.cx - camera.width), round(2 * camera.cy - camera.height)
+    return camera.window(min(right, 0), min(below, 0), camera.width + max(right, 0), camera.height + max(below, 0))
+
+
+def _window(whole: Camera, part: Camera) -> dict[str, int]:
+    """The size of the film of a picture, and the window of it that a part of the picture is."""
+    found = {"width": whole.width, "height": whole.height}
+    if (whole.width, whole.height) != (part.width, part.height):
+        found |= {"crop_width": part.width, "crop_height": part.height}
+        found |= {"crop_offset_x": round(whole.cx - part.cx), "crop_offset_y": round(whole.cy - part.cy)}
+    return found
 
 
 def _degrees(pixels: int, focal: float) -> float:

@@ -78,6 +78,21 @@ def test_a_region_is_what_the_whole_picture_has_there(scene, by_command, tmp_pat
     assert np.abs(found - expected[64 - 38 : 64 - 25, 38:57]).max() < 1e-5
 
 
+def test_a_region_with_depth_of_field_is_what_the_whole_picture_has_there(scene, by_command, tmp_path, model):
+    """Also where the lens is shifted, whose axis is in the middle of a larger film."""
+    place_camera(scene, "dog")
+    load(model)
+    render, data = scene.render, scene.camera.data
+    render.pixel_aspect_x = render.pixel_aspect_y = 1
+    scene.dogsplat_colors, scene.dogsplat.samples = "LINEAR", 2
+    data.shift_x, data.dof.use_dof, data.dof.focus_distance, data.dof.aperture_fstop = 0.1, True, 3.0, 0.5
+    expected = with_alpha(scene, engine.ENGINE, tmp_path)
+    render.use_border = render.use_crop_to_border = True
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.4, 0.6, 0.4, 0.6
+    found = with_alpha(scene, engine.ENGINE, tmp_path)
+    assert np.abs(found - expected[64 - 38 : 64 - 25, 38:57]).max() < 1e-5
+
+
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
 def test_the_sensor_of_a_region_of_a_scene_is_that_of_the_whole_picture(scene, kind):
     """Its film is a window of it."""
