@@ -29,6 +29,20 @@ def space_of_camera(scene, width: int, height: int) -> SimpleNamespace:
     return SimpleNamespace(view_matrix=view, window_matrix=projection, is_perspective=True)
 
 
+def context_of_camera(scene, width: int, height: int) -> SimpleNamespace:
+    """Of a viewport of that size that looks through the camera, whose picture is in its middle, pixel by pixel."""
+    render, space = scene.render, viewport()
+    space.camera = scene.camera
+    view = space_of_camera(scene, render.resolution_x, render.resolution_y)
+    view.window_matrix = Matrix.Diagonal((render.resolution_x / width, render.resolution_y / height, 1, 1)) @ (
+        view.window_matrix
+    )
+    view.view_perspective = "CAMERA"
+    region = SimpleNamespace(width=width, height=height, as_pointer=lambda: REGION)
+    return SimpleNamespace(scene=scene, region=region, region_data=view, space_data=space,
+                           preferences=bpy.context.preferences)  # fmt: skip
+
+
 def through_the_camera(scene) -> Seen:
     """What a region of the size of the picture sees through the camera."""
     size = scene.render.resolution_x, scene.render.resolution_y
