@@ -31,13 +31,11 @@ def space_of_camera(scene, width: int, height: int) -> SimpleNamespace:
 
 def context_of_camera(scene, width: int, height: int) -> SimpleNamespace:
     """Of a viewport of that size that looks through the camera, whose picture is in its middle, pixel by pixel."""
-    render, space = scene.render, viewport()
+    size, space = (scene.render.resolution_x, scene.render.resolution_y), viewport()
     space.camera = scene.camera
-    view = space_of_camera(scene, render.resolution_x, render.resolution_y)
-    view.window_matrix = Matrix.Diagonal((render.resolution_x / width, render.resolution_y / height, 1, 1)) @ (
-        view.window_matrix
-    )
+    view = space_of_camera(scene, *size)
     view.view_perspective = "CAMERA"
+    view.window_matrix = Matrix.Diagonal((size[0] / width, size[1] / height, 1, 1)) @ view.window_matrix
     region = SimpleNamespace(width=width, height=height, as_pointer=lambda: REGION)
     return SimpleNamespace(scene=scene, region=region, region_data=view, space_data=space,
                            preferences=bpy.context.preferences)  # fmt: skip
