@@ -26,6 +26,7 @@ from .geometry import choose, delete, describe, set_material, store, switch
 from .groups import GEOMETRY, cached_group, finish_group, named_attribute
 from .material import COLOR, point_material
 from .quads import quads_group
+from .stereo import EYES, both_eyes_group
 
 NAME = "DoG Splat"
 SHOW = ("Automatic", "Quads", "Ellipsoids", "Points")
@@ -44,7 +45,7 @@ INPUTS = {
     "View": "NodeSocketBool", "View Location": "NodeSocketVector", "View Rotation": "NodeSocketRotation",
     **dict.fromkeys(VIEW_INPUTS[5:], "NodeSocketVector"),
     PROJECTION: "NodeSocketFloat", VIEW_PROJECTION: "NodeSocketFloat",  # later ones last: others keep
-    VIEW_MIRROR: "NodeSocketFloat",  # the identifiers that they had
+    **dict.fromkeys((VIEW_MIRROR, *EYES), "NodeSocketFloat"),  # the identifiers that they had
 }  # fmt: skip
 
 
@@ -54,7 +55,8 @@ def splat_tree(space: str = "") -> bpy.types.NodeTree:
         return existing
     tree, inputs, exit_node = new_group(NAME, GEOMETRY, INPUTS, {"Geometry": "NodeSocketGeometry"})
     geometry, show, degree, dog, linear, antialiased, near, fx, fy, cx, cy, width, height, *of_view = inputs
-    share, moving_share, moving_points, view, *view_numbers, projection, view_projection, view_mirror = of_view
+    share, moving_share, moving_points, view, *view_numbers = of_view[:9]
+    projection, view_projection, view_mirror, *eyes = of_view[9:]
     in_viewport = wrap(tree, tree.node("GeometryNodeIsViewport").outputs[0])
     pixels = tree.combine(fx, fy), tree.combine(cx, cy), tree.combine(width, height)
     place, rotation, *view_pixels = view_numbers
@@ -74,6 +76,9 @@ def splat_tree(space: str = "") -> bpy.types.NodeTree:
     (color,) = tree.call(color_group(space), frame.direction, degree, linear)
     points = store(tree, some, COLOR, color)
     (quads,) = tree.call(quads_group(), points, dog, near, antialiased, *frame)
+    (both,) = tree.call(both_eyes_group(space), some, degree, linear, dog, near, antialiased, *pose, *eyes)
+    stereo = ((eyes[1] - eyes[0]) * eyes[2] > 0.0) * (1.0 - in_viewport)
+    quads = switch(tree, "GEOMETRY", stereo > 0.5, quads, both)
     (ellipsoids,) = tree.call(ellipsoids_group(), points, dog, near, frame.distance, frame.unit, frame.focal)
     from_everywhere = tree.math("MAXIMUM", in_viewport * (1.0 - view), sees(pose, ALL_AROUND))
     automatic = switch(tree, "GEOMETRY", from_everywhere > 0.5, quads, ellipsoids)
@@ -114,5 +119,5 @@ def _describe(group: bpy.types.NodeTree) -> None:
         "Moving Share": {"default_value": 1.0, "description": "The same, written while a viewport moves"},
     }  # fmt: skip
     camera = {"default_value": 1000.0, "description": "Of the active camera, in pixels; kept up to date by a driver"}
-    hidden = (*CAMERA_INPUTS, *VIEW_INPUTS, PROJECTION, VIEW_PROJECTION, VIEW_MIRROR)
+    hidden = (*CAMERA_INPUTS, *VIEW_INPUTS, PROJECTION, VIEW_PROJECTION, VIEW_MIRROR, *EYES)
     describe(group, settings | dict.fromkeys(CAMERA_INPUTS, camera), hidden)
