@@ -102,6 +102,8 @@ def _note_groups(layout: bpy.types.UILayout, scene: bpy.types.Scene, obj: bpy.ty
     """What the engines of Blender leave out."""
     if scene.render.engine == ENGINE:
         return
+    if scene.render.use_multiview and scene.render.views_format == "MULTIVIEW" and is_splats(obj):
+        layout.label(text="Multi-View: quads of the active camera", icon="INFO")
     if has_any(obj, SLOPES):
         layout.label(text="Blender draws mean colors, no slopes", icon="INFO")
     if has_any(obj, CURVATURES):

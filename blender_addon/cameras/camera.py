@@ -47,7 +47,8 @@ class Camera:
 
     def window(self, left: int, top: int, right: int, bottom: int) -> Camera:
         """The camera of a part of the image, in whole pixels from its upper left corner."""
-        film = -left, -top, self.width - left, self.height - top
+        x0, y0, x1, y1 = self.film or (0, 0, self.width, self.height)
+        film = x0 - left, y0 - top, x1 - left, y1 - top
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=right - left, height=bottom - top, film=film)
 
     def stretched(self, width: int, height: int) -> Camera:

@@ -97,6 +97,9 @@ def pinhole_numbers(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
         raise ValueError(told(problem, name=obj.name))
     if is_sheared(obj):
         raise ValueError(told('the camera "{name}" is sheared by its parents; apply their scale', name=obj.name))
+    if np.linalg.det(camera.w2c[:3, :3]) < 0:
+        raise ValueError(told('the camera "{name}" is mirrored; make its scale, and those of its parents, positive',
+                              name=obj.name))  # fmt: skip
     return camera
 
 

@@ -97,7 +97,7 @@ def frame_group() -> bpy.types.NodeTree:
     for node in (transposed, to_object):
         tree.plug(node.inputs[0], to_world)
     own = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)
-    axes = [_rotated(tree, axis, pose.rotation) * pose.mirror for axis in own]
+    axes = [rotated(tree, axis, pose.rotation) * pose.mirror for axis in own]
     right, down, forward = (_transformed(tree, "Direction", axis, transposed.outputs[0]) for axis in axes)
     across, downward, along = (_transformed(tree, "Direction", axis, to_object.outputs[0]) for axis in axes)
     volume = tree.math("ABSOLUTE", right.dot(down.cross(forward)))
@@ -121,7 +121,8 @@ def frame_group() -> bpy.types.NodeTree:
     return finish_group(tree, name)
 
 
-def _rotated(tree: Tree, axis: tuple[float, float, float], rotation: Any) -> Vector:
+def rotated(tree: Tree, axis: tuple[float, float, float], rotation: Any) -> Vector:
+    """A constant direction, turned."""
     node = tree.node("FunctionNodeRotateVector")
     tree.plug(node.inputs["Vector"], axis)
     tree.plug(node.inputs["Rotation"], rotation)

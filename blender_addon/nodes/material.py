@@ -15,24 +15,38 @@ import bpy
 
 from .builder import Tree, Value, Vector, arrange
 
-VERSION = 10  # of the node trees; another version of the add-on makes its own
+VERSION = 11  # of the node trees; another version of the add-on makes its own
 MIN_ALPHA = 1 / 255
 MAX_ALPHA = 0.99
 COLOR, KERNEL, PSEUDO = "splat:color", "splat:kernel", "splat:pseudo"  # of a quad: u, v, opacity of both kernels
+EYE, SIDE = "splat:eye", "splat:side"  # of a quad for one of two eyes: it is seen from where p · eye >= side
 OPACITIES, EXTENT, FACTOR = "splat:opacities", "splat:extent", "splat:factor"  # of an ellipsoid
 
 
 def quad_material() -> bpy.types.Material:
     """For quads that face the camera: their corners carry u, v with g = exp(-(u² + v²) / 2) and the opacity."""
+    return _material("DoG Splat quads", "GEOMETRY", _quad_alpha)
+
+
+def eye_material() -> bpy.types.Material:
+    """For quads of two eyes: the same, and nothing from the place of the other eye."""
 
     def alpha(tree: Tree) -> Value:
-        parts = []
-        for name in (KERNEL, PSEUDO):
-            u, v, opacity = _attribute(tree, name, "GEOMETRY").split()
-            parts.append(_bounded(tree, u * u + v * v, opacity))
-        return parts[0] - parts[1]
+        place = tree.node("ShaderNodeVectorTransform", vector_type="POINT", convert_from="CAMERA", convert_to="WORLD")
+        tree.plug(place.inputs[0], (0.0, 0.0, 0.0))
+        side = tree.node("ShaderNodeAttribute", attribute_name=SIDE, attribute_type="GEOMETRY")
+        along = Vector(tree, place.outputs[0]).dot(_attribute(tree, EYE, "GEOMETRY"))
+        return _quad_alpha(tree) * (along > Value(tree, side.outputs["Fac"]))
 
-    return _material("DoG Splat quads", "GEOMETRY", alpha)
+    return _material("DoG Splat eyes", "GEOMETRY", alpha)
+
+
+def _quad_alpha(tree: Tree) -> Value:
+    parts = []
+    for name in (KERNEL, PSEUDO):
+        u, v, opacity = _attribute(tree, name, "GEOMETRY").split()
+        parts.append(_bounded(tree, u * u + v * v, opacity))
+    return parts[0] - parts[1]
 
 
 def ellipsoid_material() -> bpy.types.Material:

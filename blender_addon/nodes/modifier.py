@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import bpy
@@ -35,6 +36,11 @@ EXPRESSIONS = {
     "Center Y": f"{_HEIGHT}/2+sy*{_SIZE}/ay",
     "Width": _WIDTH,
     "Height": _HEIGHT,
+    "Left Eye": "(0 if pivot==0 else -2 if pivot==1 else -1) if several and not other else 0",
+    "Right Eye": "(2 if pivot==0 else 0 if pivot==1 else 1) if several and not other else 0",
+    "Eye Distance": "apart",
+    "Toe-In": "atan(apart/2/meet) if mode==2 else 0",
+    "Convergence": "1/meet if mode==0 else 0",
 }
 VARIABLES = {  # path from the scene, and the value where the scene has no camera
     "lens": ("camera.data.lens", 50), "sw": ("camera.data.sensor_width", 36), "sh": ("camera.data.sensor_height", 24),
@@ -45,6 +51,9 @@ VARIABLES = {  # path from the scene, and the value where the scene has no camer
     "dome": ("camera.data.panorama_type", 0), "west": ("camera.data.longitude_min", -math.pi),
     "east": ("camera.data.longitude_max", math.pi), "fov": ("camera.data.fisheye_fov", math.pi),
     "bent": ("camera.data.fisheye_lens", 10.5),
+    "several": ("render.use_multiview", 0), "other": ("render.views_format", 0),  # 0: Stereo 3D
+    "pivot": ("camera.data.stereo.pivot", 2), "mode": ("camera.data.stereo.convergence_mode", 0),
+    "apart": ("camera.data.stereo.interocular_distance", 0), "meet": ("camera.data.stereo.convergence_distance", 1),
 }  # fmt: skip
 
 
@@ -158,7 +167,8 @@ def is_driven(modifier: bpy.types.Modifier) -> bool:
 def _drive(owner: Any, key: str, expression: str) -> None:
     driver = owner.driver_add(key).driver
     driver.type = "SCRIPTED"
-    for name, (source, fallback) in VARIABLES.items():
+    for name in filter(VARIABLES.__contains__, dict.fromkeys(re.findall(r"[a-z]+", expression))):
+        source, fallback = VARIABLES[name]
         variable = driver.variables.new()
         variable.name, variable.type = name, "CONTEXT_PROP"
         target = variable.targets[0]

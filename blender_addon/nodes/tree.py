@@ -26,6 +26,7 @@ from .geometry import choose, delete, describe, set_material, store, switch
 from .groups import GEOMETRY, cached_group, finish_group, named_attribute
 from .material import COLOR, point_material
 from .quads import quads_group
+from .stereo import EYES, both_eyes_group
 
 NAME = "DoG Splat"
 SHOW = ("Automatic", "Quads", "Ellipsoids", "Points")
@@ -33,6 +34,7 @@ CAMERA_INPUTS = ("Focal X", "Focal Y", "Center X", "Center Y", "Width", "Height"
 VIEW_INPUTS = ("Moving Share", "Moving Points", "View", "View Location", "View Rotation", "View Focal", "View Center",
                "View Size")  # fmt: skip
 PROJECTION, VIEW_PROJECTION = "Projection", "View Projection"  # driven, and of the viewport: as ``Pose`` has it
+VIEW_MIRROR = "View Mirror"  # of the viewport: as ``Pose`` has it
 NOWHERE = -1e30  # the near clip of parallel rays, whose camera may stand anywhere along them
 NEAR_CLIP = 0.2  # in units of the file, of models whose files say nothing
 INPUTS = {
@@ -42,7 +44,8 @@ INPUTS = {
     "Viewport Share": "NodeSocketFloat", "Moving Share": "NodeSocketFloat", "Moving Points": "NodeSocketBool",
     "View": "NodeSocketBool", "View Location": "NodeSocketVector", "View Rotation": "NodeSocketRotation",
     **dict.fromkeys(VIEW_INPUTS[5:], "NodeSocketVector"),
-    PROJECTION: "NodeSocketFloat", VIEW_PROJECTION: "NodeSocketFloat",  # last: others keep the identifiers they had
+    PROJECTION: "NodeSocketFloat", VIEW_PROJECTION: "NodeSocketFloat",  # later ones last: others keep
+    **dict.fromkeys((VIEW_MIRROR, *EYES), "NodeSocketFloat"),  # the identifiers that they had
 }  # fmt: skip
 
 
@@ -52,12 +55,13 @@ def splat_tree(space: str = "") -> bpy.types.NodeTree:
         return existing
     tree, inputs, exit_node = new_group(NAME, GEOMETRY, INPUTS, {"Geometry": "NodeSocketGeometry"})
     geometry, show, degree, dog, linear, antialiased, near, fx, fy, cx, cy, width, height, *of_view = inputs
-    share, moving_share, moving_points, view, *view_numbers, projection, view_projection = of_view
+    share, moving_share, moving_points, view, *view_numbers = of_view[:9]
+    projection, view_projection, view_mirror, *eyes = of_view[9:]
     in_viewport = wrap(tree, tree.node("GeometryNodeIsViewport").outputs[0])
     pixels = tree.combine(fx, fy), tree.combine(cx, cy), tree.combine(width, height)
     place, rotation, *view_pixels = view_numbers
     of_camera = *camera_pose(tree), *pixels, projection
-    of_viewport = place, rotation, 1.0, *view_pixels, view_projection
+    of_viewport = place, rotation, view_mirror, *view_pixels, view_projection
     kinds = ("VECTOR", "ROTATION", "FLOAT", "VECTOR", "VECTOR", "VECTOR", "FLOAT")
     pose = Pose(*(switch(tree, kind, view * in_viewport, camera, own)
                   for kind, camera, own in zip(kinds, of_camera, of_viewport, strict=True)))  # fmt: skip
@@ -72,6 +76,9 @@ def splat_tree(space: str = "") -> bpy.types.NodeTree:
     (color,) = tree.call(color_group(space), frame.direction, degree, linear)
     points = store(tree, some, COLOR, color)
     (quads,) = tree.call(quads_group(), points, dog, near, antialiased, *frame)
+    (both,) = tree.call(both_eyes_group(space), some, degree, linear, dog, near, antialiased, *pose, *eyes)
+    stereo = ((eyes[1] - eyes[0]) * eyes[2] > 0.0) * (1.0 - in_viewport)
+    quads = switch(tree, "GEOMETRY", stereo > 0.5, quads, both)
     (ellipsoids,) = tree.call(ellipsoids_group(), points, dog, near, frame.distance, frame.unit, frame.focal)
     from_everywhere = tree.math("MAXIMUM", in_viewport * (1.0 - view), sees(pose, ALL_AROUND))
     automatic = switch(tree, "GEOMETRY", from_everywhere > 0.5, quads, ellipsoids)
@@ -112,5 +119,5 @@ def _describe(group: bpy.types.NodeTree) -> None:
         "Moving Share": {"default_value": 1.0, "description": "The same, written while a viewport moves"},
     }  # fmt: skip
     camera = {"default_value": 1000.0, "description": "Of the active camera, in pixels; kept up to date by a driver"}
-    hidden = (*CAMERA_INPUTS, *VIEW_INPUTS, PROJECTION, VIEW_PROJECTION)
+    hidden = (*CAMERA_INPUTS, *VIEW_INPUTS, PROJECTION, VIEW_PROJECTION, VIEW_MIRROR, *EYES)
     describe(group, settings | dict.fromkeys(CAMERA_INPUTS, camera), hidden)

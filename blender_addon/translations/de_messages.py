@@ -192,6 +192,9 @@ MESSAGES = {
     'the camera "{name}" has the type {kind}; splats need a perspective or orthographic camera': (
         "die Kamera „{name}“ hat den Typ „{kind}“; Splats brauchen eine perspektivische oder orthografische Kamera"
     ),
+    'the camera "{name}" is mirrored; make its scale, and those of its parents, positive': (
+        "die Kamera „{name}“ ist gespiegelt; ihre Skalierung und die ihrer Eltern positiv machen"
+    ),
     'the camera "{name}" is sheared by its parents; apply their scale': (
         "die Kamera „{name}“ wird durch ihre Eltern geschert; deren Skalierung anwenden"
     ),

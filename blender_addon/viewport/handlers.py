@@ -12,6 +12,7 @@ from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from ..engine.settings import ENGINE
+from .looking_through import corners_of, looked_through
 from .rendered import look
 from .tagged import evaluated, frame_changed
 from .view import view_of
@@ -74,7 +75,10 @@ def _drawn() -> None:
     ours, key = space is not None and is_ours(scene, context.space_data), region.as_pointer()
     needed = WATCHER.draws(key, scene, ours) or ours  # a model may be new, or shown whole by a save
     if space is not None and not ours and (scene.dogsplat_moving != "ALL" or scene.dogsplat_follow_view):
-        needed |= WATCHER.see(key, scene, view_of(space, region.width, region.height), time.monotonic())
+        camera = looked_through(context)  # the original: Blender keeps in it what is on the screen
+        corners = None if camera is None else corners_of(scene, camera)
+        view = view_of(space, region.width, region.height, corners)
+        needed |= WATCHER.see(key, scene, view, time.monotonic())
     if needed and not _ticking():
         bpy.app.timers.register(_tick, first_interval=INTERVAL)
 

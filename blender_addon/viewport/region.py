@@ -38,6 +38,19 @@ class Seen:
         plane = local[:, :2] if camera.orthographic else local[:, :2] / local[:, 2:]
         return plane * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
+    def rectangle(self, points: np.ndarray) -> tuple[float, float, float, float]:
+        """(left, top, right, bottom) in pixels around points [P, 3] in the world."""
+        pixels = self.pixels(points)
+        (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
+        return left, top, right, bottom
+
+    def of_picture(self, corners: np.ndarray | None) -> Seen:
+        """As a part of the picture with these corners [4, 3] in the world, which may be smaller; None: of its own.
+
+        Splats far off the picture of a camera have the shapes that they have in its render.
+        """
+        return self if corners is None else replace(self, camera=replace(self.camera, film=self.rectangle(corners)))
+
     def window(self, left: int, top: int, right: int, bottom: int) -> Seen:
         """A part of the picture, in whole pixels from its upper left corner."""
         return replace(self, camera=self.camera.window(left, top, right, bottom))
@@ -79,7 +92,7 @@ def rendered_part(seen: Seen, corners: np.ndarray | None, border: tuple[float, .
         return 0, 0, width, height
     x0, y0, x1, y1 = 0.0, 0.0, float(width), float(height)
     if corners is not None:
-        (x0, y0), (x1, y1) = (f(seen.pixels(corners), axis=0) for f in (np.min, np.max))
+        x0, y0, x1, y1 = seen.rectangle(corners)
     left, right = (x0 + share * (x1 - x0) for share in border[:2])
     bottom, top = (y1 + share * (y0 - y1) for share in border[2:])
     left, top = min(max(round(left), 0), width - 1), min(max(round(top), 0), height - 1)

@@ -19,6 +19,7 @@ from ..package.served import RendererError
 from ..preferences import command_of
 from .blit import Blit
 from .changes import Changes
+from .looking_through import corners_of, looked_through
 from .pace import Level, Pace
 from .region import Part, Seen, rendered_part, seen_by
 from .stream import Stream
@@ -68,8 +69,9 @@ class Rendered:
         """Draw into the region of the context."""
         region, now = context.region, time.monotonic()
         seen = seen_by(context.region_data, region.width, region.height)
-        part = rendered_part(seen, *border_of(context, depsgraph))
-        seen = seen.window(*part)
+        corners, border = border_of(context, depsgraph)
+        part = rendered_part(seen, corners, border)
+        seen = seen.of_picture(corners).window(*part)
         if not seen.same(self._seen):
             self._seen = seen
             self._pace.moved(now)
@@ -184,16 +186,13 @@ def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, r
 def border_of(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray | None, Any]:
     """What ``rendered_part`` asks for: corners of the camera's picture, and the border of what is rendered.
 
-    Blender looks through any object; of one that is no camera nobody knows a picture, and all of the region is drawn.
+    Of an object that is no camera there is no picture, and all of the region is drawn.
     """
     scene, space = depsgraph.scene, context.space_data
-    if context.region_data.view_perspective != "CAMERA" or space.camera is None:
+    if (camera := looked_through(context)) is None:
         return None, _border(space, "render_border") if space.use_render_border else None
-    if not scene.render.use_border or space.camera.type != "CAMERA":
-        return None, None
-    camera = space.camera.evaluated_get(depsgraph)
-    pose = camera.matrix_world.normalized()
-    return np.array([pose @ corner for corner in camera.data.view_frame(scene=scene)]), _border(scene.render, "border")
+    corners = corners_of(scene, camera.evaluated_get(depsgraph))
+    return corners, None if corners is None or not scene.render.use_border else _border(scene.render, "border")
 
 
 def _border(settings: Any, prefix: str) -> tuple[float, ...]:

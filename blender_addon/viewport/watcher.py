@@ -14,7 +14,7 @@ import bpy
 
 from ..evaluated.placed import objects_in
 from ..nodes.modifier import get_input, has_input, set_input, splat_modifier
-from ..nodes.tree import VIEW_PROJECTION
+from ..nodes.tree import VIEW_MIRROR
 from ..objects.attributes import is_splats
 from .pace import REST
 from .tagged import TAGGED
@@ -118,7 +118,7 @@ def drawn_models(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, bpy
     for obj in objects_in(scene):
         if is_splats(obj) and obj.library is None and not obj.hide_viewport:
             modifier = splat_modifier(obj)
-            if modifier is not None and has_input(modifier, VIEW_PROJECTION):  # trees of older versions have none
+            if modifier is not None and has_input(modifier, VIEW_MIRROR):  # trees of older versions have none
                 yield obj, modifier
 
 

@@ -26,6 +26,7 @@ from .samples import Sample
 KINDS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 OPTICS = ("to_world", "x_fov", "principal_point_offset_x", "principal_point_offset_y", "aperture_radius",
           "focus_distance")
+Rectangle = tuple[float, float, float, float]
 
 
 @dataclass
@@ -92,19 +93,20 @@ class SensorReader:
         self._parameters: dict[int, _Parameters] = {}
         self._known: dict[int, tuple] = {}
 
-    def views(self, sensor: mi.Sensor, near_clip: float) -> list[View]:
+    def views(self, sensor: mi.Sensor, near_clip: float, picture: Rectangle | None = None) -> list[View]:
         """What a sensor sees: one image, or those of a ``batch``, from left to right.
 
-        Raises ``ValueError`` for a sensor that cannot be splatted.
+        ``picture``: (left, top, right, bottom) in pixels of the crop window, around which Jacobians are clamped in
+        place of the film. Raises ``ValueError`` for a sensor that cannot be splatted.
         """
         sensors = [sensor]
         if sensor.class_name() == "BatchSensor":
             film, sensors = sensor.film(), _Sensors(sensor).found
             if film.sample_border() or any(film.crop_size() != film.size()):
                 raise ValueError("dogsplat: a batch has no sample_border and no crop window; leave them out")
-        return [self._view(slot, each, near_clip) for slot, each in enumerate(sensors)]
+        return [self._view(slot, each, near_clip, picture) for slot, each in enumerate(sensors)]
 
-    def _view(self, slot: int, sensor: Any, near_clip: float) -> View:
+    def _view(self, slot: int, sensor: Any, near_clip: float, picture: Rectangle | None) -> View:
         kind = sensor.class_name()
         if kind not in KINDS:
             raise ValueError(
@@ -118,10 +120,10 @@ class SensorReader:
         dr.make_opaque(lens)  # in the sensor, too: its rays, and all that follows, would be compiled for each focus
         size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
         indices = variable_indices(list(values.values()))
-        key = (*indices, *size, *crop, *offset, near_clip, sensor.near_clip(), sensor.far_clip(), kind)
+        key = (*indices, *size, *crop, *offset, picture, near_clip, sensor.near_clip(), sensor.far_clip(), kind)
         known, _, camera = self._known.get(slot, (None, None, None))
         if camera is None or key != known:
-            camera = _read(sensor, near_clip)
+            camera = _read(sensor, near_clip, picture)
             if lens:  # another lens is another picture, though its pinhole is the same
                 camera = replace(camera, numbers=(*camera.numbers, *(dr.detach(value)[0] for value in lens)))
             self._known[slot] = key, held(values.values()), camera
@@ -157,11 +159,11 @@ class _Sensors(mi.TraversalCallback):
             self.found.append(value)
 
 
-def _read(sensor: mi.Sensor, near_clip: float) -> DeviceCamera:
-    """The camera of a sensor's crop window; its Jacobians are clamped around the whole film."""
+def _read(sensor: mi.Sensor, near_clip: float, picture: Rectangle | None) -> DeviceCamera:
+    """The camera of a sensor's crop window; its Jacobians are clamped around the picture, or the whole film."""
     near, far = max(near_clip, near_clip_from_mitsuba(sensor)), far_clip_from_mitsuba(sensor)
     size, offset = sensor.film().size(), sensor.film().crop_offset()
-    whole = -offset[0], -offset[1], size[0] - offset[0], size[1] - offset[1]
+    whole = picture or (-offset[0], -offset[1], size[0] - offset[0], size[1] - offset[1])
     if sensor.class_name() == "OrthographicCamera":
         return DeviceCamera.upload(orthographic_camera_from_mitsuba(sensor), near, far, whole, perspective=False)
     return DeviceCamera.upload(central_camera_from_mitsuba(sensor), near, far, whole)

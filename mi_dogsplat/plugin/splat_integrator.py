@@ -31,7 +31,7 @@ from .given_model import is_dog_shape
 from .instances import warn_of_instances
 from .properties import given
 from .samples import MOST_PASSES, Sample, samples
-from .sensor import SensorReader, ViewPass
+from .sensor import Rectangle, SensorReader, ViewPass
 from .several_passes import SeveralPasses, tangents
 from .surfaces import Surfaces
 from .turns import ONE_AT_A_TIME
@@ -45,8 +45,9 @@ class SplatIntegrator(ADIntegrator):
     the number of those that are done, and of all, if there are several. ``first_pass``, where it is set, is the number
     of the first one of renders that go on from others of the same seed: random numbers fall evenly over all. ``masks``,
     where they are set, say what the camera sees otherwise than light does, without derivatives; then the film has one
-    more channel. ``denoising``: whether films have the channels of ``denoising.py`` as well. ``warns``: whether
-    Mitsuba's logger is told of shapes that are not drawn.
+    more channel. ``picture``, where it is set, is the one of which the film shows a part, as ``SensorReader`` takes it.
+    ``denoising``: whether films have the channels of ``denoising.py`` as well. ``warns``: whether Mitsuba's logger is
+    told of shapes that are not drawn.
     """
 
     name: str  # of the plugin, in messages
@@ -65,6 +66,7 @@ class SplatIntegrator(ADIntegrator):
         self.on_pass: Any = None
         self.first_pass: int | None = None
         self.masks: CameraMasks | None = None
+        self.picture: Rectangle | None = None
         self.warns = True
         self._sensors, self._last = SensorReader(), LastFrame()
         self._looked_for_unseen = False
@@ -194,7 +196,7 @@ class SplatIntegrator(ADIntegrator):
         derivative: bool = False,
     ) -> list[list[mi.Float]]:  # fmt: skip
         """Of each pass, planes of the film's channels at its samples; ``derivative`` as in ``developed``."""
-        views = self._sensors.views(sensor, model.drawn_as.near_clip)
+        views = self._sensors.views(sensor, model.drawn_as.near_clip, self.picture)
         fixed = [None if view.lens else self.shown_params(scene, model, view.camera) for view in views]
         splatted = []
         for sample in passes:

@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..scene.cameras import Camera
+from ..plugin.sensor import Rectangle
 from ..scene.mitsuba_cameras import opencv_w2c_to_mitsuba_c2w
 from .view_request import ViewRequest
 
@@ -18,19 +18,14 @@ NEAREST = 1e-4  # Mitsuba takes no near clip of 0
 def sensor_of(request: ViewRequest, rows: slice | None = None) -> mi.Sensor:
     """It sees what the camera sees, whose pixels are taken as square (``fx``), or some rows of it.
 
-    Its film is that of the request, to whole pixels.
+    Its film is no larger, as Mitsuba compiles kernels for each size of one.
     """
     camera = request.camera
     assert camera
-    part, rows = camera, rows or slice(0, camera.height)
-    left, top, right, bottom = request.film or (0, 0, part.width, part.height)
-    left, top = max(round(-left), 0), max(round(-top), 0)
-    size = left + max(round(right), part.width), top + max(round(bottom), part.height)
-    camera = Camera(part.w2c, part.fx, part.fy, part.cx + left, part.cy + top, *size)
+    rows = rows or slice(0, camera.height)
     film: dict[str, Any] = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "pixel_format": "rgba",
                             "component_format": "float32", "rfilter": {"type": "box"}}  # fmt: skip
-    film |= {"crop_offset_x": left, "crop_width": part.width}
-    film |= {"crop_offset_y": top + rows.start, "crop_height": rows.stop - rows.start}
+    film |= {"crop_offset_y": rows.start, "crop_height": rows.stop - rows.start}
     near, far = request.clip
     common: dict[str, Any] = {"near_clip": max(near, NEAREST), "far_clip": far, "film": film}
     if request.orthographic:
@@ -46,3 +41,10 @@ def sensor_of(request: ViewRequest, rows: slice | None = None) -> mi.Sensor:
     to_world: Any = mi.ScalarTransform4f(opencv_w2c_to_mitsuba_c2w(camera.w2c))
     found = mi.load_dict({"type": "perspective", "fov_axis": "x", "fov": fov, "to_world": to_world, **shift, **common})
     return found
+
+
+def picture_of(request: ViewRequest, rows: slice) -> Rectangle:
+    """The picture of which the camera sees a part, in pixels of some rows of that part."""
+    assert request.camera
+    left, top, right, bottom = request.film or (0.0, 0.0, float(request.camera.width), float(request.camera.height))
+    return left, top - rows.start, right, bottom - rows.start

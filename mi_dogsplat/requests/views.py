@@ -26,7 +26,7 @@ from .request import SOURCE
 from .scene_description import files_of, load_scene, no_splats, number_of
 from .shares import Shares
 from .view_request import ViewRequest
-from .view_sensor import sensor_of
+from .view_sensor import picture_of, sensor_of
 
 STEP_SAMPLES = 2  # of a scene, between two pictures after the first
 DENOISER_SAMPLES = 3  # that take as long as the denoiser
@@ -104,7 +104,9 @@ class Views:
         masked = request.counts, request.holdout, request.indirect_only
         also = how + drawn + masked + tuple(_stamp(file) for file in named)
         scene, quick = self._keep("scene", files, also, lambda: self._load(request, sensor))
+        integrator: Any = scene.integrator()
         if not request.samples:
+            quick.picture = request.film
             with interruptible():
                 picture = np.array(mi.render(scene, sensor=sensor, integrator=quick, spp=1), np.float32)
             yield 1.0, finished(picture, request)
@@ -116,6 +118,8 @@ class Views:
             for rows, steps in bands:
                 if interrupted():
                     return
+                if hasattr(integrator, "picture"):  # ours
+                    integrator.picture = picture_of(request, rows)
                 done, picture[rows], for_denoiser = next(steps)
                 if for_denoiser is not None:
                     given[rows] = for_denoiser

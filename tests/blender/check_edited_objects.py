@@ -314,7 +314,7 @@ def test_edits_and_drivers_come_along_to_another_file(model, tmp_path, link):
     command = bpy.ops.wm.link if link else bpy.ops.wm.append
     command(directory=str(tmp_path / "source.blend" / "Object"), filename="dog")
     obj = bpy.data.objects["dog"]
-    assert (obj.library is not None) == link and len(bpy.data.materials) == 3
+    assert (obj.library is not None) == link and len(bpy.data.materials) == 4
     assert_equal(shown(obj), raw.select(keep))
     place_camera(bpy.context.scene, "dog")
     bpy.context.scene.camera.data.lens = 18

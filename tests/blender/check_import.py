@@ -11,7 +11,7 @@ from model_files import datablocks, load
 from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_ply
 from blender_addon.import_export import import_operator
-from blender_addon.nodes.modifier import get_input, splat_modifier
+from blender_addon.nodes.modifier import EXPRESSIONS, get_input, splat_modifier
 from blender_addon.objects.attributes import read_attributes
 
 
@@ -96,7 +96,7 @@ def test_several_files_become_several_objects_that_share_trees_and_materials(mod
     assert sorted(obj.name for obj in bpy.context.selected_objects) == ["a", "b"]
     load(model)
     trees = [g for g in bpy.data.node_groups if g.name.split(".")[0] == "DoG Splat"]
-    assert len(trees) == 1 and len(bpy.data.materials) == 3
+    assert len(trees) == 1 and len(bpy.data.materials) == 4
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_a_saved_file_reopens_as_it_was(model, tmp_path):
     obj = bpy.data.objects["dog"]
     assert np.array_equal(read_attributes(obj.data).sh_coeffs, expected.sh_coeffs)
     assert get_input(splat_modifier(obj), "Linear Colors") is False
-    assert len(obj.animation_data.drivers) == 7 and obj.modifiers[0].node_group.nodes
+    assert len(obj.animation_data.drivers) == len(EXPRESSIONS) and obj.modifiers[0].node_group.nodes
 
 
 def test_append_to_another_file_brings_everything(model, tmp_path, scene):
@@ -188,7 +188,7 @@ def test_append_to_another_file_brings_everything(model, tmp_path, scene):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.append(directory=str(tmp_path / "source.blend" / "Object"), filename="dog")
     obj = bpy.data.objects["dog"]
-    assert splat_modifier(obj).node_group.name == "DoG Splat" and len(bpy.data.materials) == 3
+    assert splat_modifier(obj).node_group.name == "DoG Splat" and len(bpy.data.materials) == 4
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     bpy.context.scene.collection.objects.link(camera)
     bpy.context.scene.camera = camera

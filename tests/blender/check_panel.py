@@ -57,6 +57,19 @@ def test_the_panel_says_what_hides_colors_and_lobes(scene, model):
     assert "EEVEE: no negative lobes" not in drawn()
 
 
+def test_the_panel_says_that_cameras_of_several_views_share_quads(scene, model):
+    """The two eyes of Stereo 3D do not, nor do views that our engine renders."""
+    place_camera(scene, "dog")
+    load(model)
+    said = "Multi-View: quads of the active camera"
+    scene.render.use_multiview = True
+    assert said not in drawn()
+    scene.render.views_format = "MULTIVIEW"
+    assert said in drawn()
+    scene.render.engine = ENGINE
+    assert said not in drawn()
+
+
 def test_the_render_properties_have_the_settings_of_the_engine_alone(scene):
     layout = Layout()
     DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)

@@ -66,6 +66,17 @@ def test_data_of_sheared_cameras_are_refused(scene):
         pinhole_numbers(scene, scene.camera)
 
 
+def test_data_of_mirrored_cameras_are_refused(scene, tmp_path):
+    """The package takes no such pose for a training or a film, and says so when all is rendered or written."""
+    place_camera(scene, "square")
+    load(REFERENCES / "square.ply")
+    scene.camera.matrix_world @= Matrix.Diagonal((-1, 1, 1, 1))
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match="is mirrored; make its scale"):
+        bpy.ops.export_scene.dogsplat_path(filepath=str(tmp_path / "keys.json"))
+    assert not any(tmp_path.iterdir())
+
+
 def test_a_viewport_looks_through_such_a_camera_as_a_render_does(scene):
     place_camera(scene, "square")
     sheared(scene)

@@ -103,6 +103,19 @@ def test_a_part_looks_as_in_the_whole_picture(folder, views, scene, orthographic
     assert orthographic or np.abs(last(views, {**request, "camera": camera_json(part)}) - whole).max() > 0.01
 
 
+@pytest.mark.parametrize("samples", [None, 0, 1])
+def test_a_picture_looks_as_it_is_though_more_is_seen(folder, views, samples):
+    """Of a viewport whose camera's picture is smaller; samples of a scene without light, None: of splats alone."""
+    request, (left, top, right, bottom) = {"model": str(folder / "model.ply")}, (9, 5, 20, 12)
+    if samples is not None:
+        request |= {"scene": str(folder / "dark.json"), "near_clip": 0.2, "samples": samples}
+    camera = Camera(CAMERA.w2c, 22.0, 22.0, 11.0, 9.5, WIDTH, HEIGHT)
+    part = Camera(CAMERA.w2c, 22.0, 22.0, 11.0 - left, 9.5 - top, right - left, bottom - top)
+    expected = last(views, {**request, "camera": camera_json(part)})
+    found = last(views, {**request, "camera": camera_json(camera), "film": [left, top, right, bottom]})
+    np.testing.assert_allclose(found[top:bottom, left:right], expected, atol=1e-4)
+
+
 def test_parallel_rays(folder, views):
     camera = Camera(CAMERA.w2c, 3.0, 3.0, 11.0, 9.5, WIDTH, HEIGHT)
     request = {"model": str(folder / "model.ply"), "camera": camera_json(camera), "orthographic": True}

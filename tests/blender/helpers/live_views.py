@@ -29,6 +29,18 @@ def space_of_camera(scene, width: int, height: int) -> SimpleNamespace:
     return SimpleNamespace(view_matrix=view, window_matrix=projection, is_perspective=True)
 
 
+def context_of_camera(scene, width: int, height: int) -> SimpleNamespace:
+    """Of a viewport of that size that looks through the camera, whose picture is in its middle, pixel by pixel."""
+    size, space = (scene.render.resolution_x, scene.render.resolution_y), viewport()
+    space.camera = scene.camera
+    view = space_of_camera(scene, *size)
+    view.view_perspective = "CAMERA"
+    view.window_matrix = Matrix.Diagonal((size[0] / width, size[1] / height, 1, 1)) @ view.window_matrix
+    region = SimpleNamespace(width=width, height=height, as_pointer=lambda: REGION)
+    return SimpleNamespace(scene=scene, region=region, region_data=view, space_data=space,
+                           preferences=bpy.context.preferences)  # fmt: skip
+
+
 def through_the_camera(scene) -> Seen:
     """What a region of the size of the picture sees through the camera."""
     size = scene.render.resolution_x, scene.render.resolution_y
