@@ -16,7 +16,7 @@ import numpy as np
 from ..scene.cameras import Camera, inverse_rigid
 from ..support.errors import DataError
 from .check import require_plausible
-from .colmap_files import read_cameras, read_images, read_points
+from .colmap_files import read_cameras, read_frames, read_images, read_points
 from .colmap_records import ColmapImage, ColmapPoints
 from .dataset import Dataset, Observations, View, every_eighth, held_out, require_unique_names, view_name, views_named
 from .image_files import image_files
@@ -39,8 +39,7 @@ def is_model(folder: Path) -> bool:
 
 
 def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = "test") -> Dataset:
-    """Read a COLMAP data set. Images sorted by name, every 8th is test (see ``held_out`` for ``split``); a
-    missing ``points3D`` means no points.
+    """Read a COLMAP data set; a missing ``points3D`` means no points. See ``split_views`` for ``split``.
 
     Raises ``DataError`` for anything missing, corrupt or inconsistent, and for cameras that do not see the
     points.
@@ -51,7 +50,7 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     folder = image_folder(path, model)
     sources, images = read_sources(model, folder)
     points = read_model_points(model)
-    train, test = held_out(*every_eighth([source.name for source in sources]), split)
+    train, test = split_views(model, images, split)
     wanted = {*train, *test}
     read = [source.name in wanted for source in sources]
     sources, images = list(compress(sources, read)), list(compress(images, read))
@@ -100,6 +99,16 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
         sources.append(ViewSource(view_name(image.name), file, camera, c.lens))
     require_unique_names(image_file, [source.name for source in sources])
     return sources, images
+
+
+def split_views(model: Path, images: Sequence[ColmapImage], split: str = "test") -> tuple[list[str], list[str]]:
+    """Names of the views (to train on, to measure) by a split in ``SPLITS``. Every 8th of the ``images``, which are
+    sorted by name, is test; those of one frame of a rig count as one. Raises ``DataError``."""
+    file = model_file(model, "frames")
+    frames = read_frames(file) if file else {}
+    names = {view_name(image.name): image.image_id for image in images}
+    rig_frames = {name: frames[image_id] for name, image_id in names.items() if image_id in frames}
+    return held_out(*every_eighth(list(names), rig_frames), split, rig_frames=rig_frames)
 
 
 def read_poses(model: Path) -> dict[str, np.ndarray]:

@@ -1,4 +1,7 @@
-"""COLMAP's binary model files: ``cameras.bin``, ``images.bin``, ``points3D.bin``. Each raises ``DataError``."""
+"""COLMAP's binary model files: ``cameras.bin``, ``images.bin``, ``points3D.bin`` and ``frames.bin``.
+
+Each raises ``DataError``.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +27,8 @@ from .colmap_records import (
 )
 
 OBSERVATION = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
+DATA_ID = np.dtype([("kind", "<i4"), ("sensor", "<u4"), ("data", "<u8")])
+CAMERA = 0  # the kind of sensor whose data are images
 
 
 class Bytes:
@@ -75,10 +80,10 @@ def images(path: Path) -> list[ColmapImage]:
     """In file order."""
     file, found = Bytes(path), []
     for _ in range(file.take("<Q")[0]):
-        _, *pose, camera_id = file.take("<I7dI")
+        image_id, *pose, camera_id = file.take("<I7dI")
         name = file.text()
         rows = file.rows(OBSERVATION, file.take("<Q")[0])
-        found.append(ColmapImage(name, camera_id, pose_of(path, name, pose), rows["xy"], rows["point"]))
+        found.append(ColmapImage(image_id, name, camera_id, pose_of(path, name, pose), rows["xy"], rows["point"]))
     file.finish()
     return found
 
@@ -94,3 +99,14 @@ def points(path: Path) -> ColmapPoints:
         colors.append((r, g, b))
     file.finish()
     return points_of(path, ids, positions, colors)
+
+
+def frames(path: Path) -> dict[int, int]:
+    """The id of the frame of each image, by its id."""
+    file, found = Bytes(path), {}
+    for _ in range(file.take("<Q")[0]):
+        frame_id, *_, n_data = file.take("<II7dI")
+        rows = file.rows(DATA_ID, n_data)
+        found |= dict.fromkeys(rows["data"][rows["kind"] == CAMERA].tolist(), frame_id)
+    file.finish()
+    return found

@@ -1,4 +1,4 @@
-"""Reader of COLMAP's model files (cameras, images, points3D; binary and text).
+"""Reader of COLMAP's model files (cameras, images, points3D, frames; binary and text).
 
 A parser of our own instead of pycolmap 4.2.1, for two measured reasons. It weighs little to write, and
 pycolmap weighs 36 MiB as a wheel and 135 MiB installed (0.4 s to import). And pycolmap trusts its input: a
@@ -7,7 +7,7 @@ was still busy after 60 s behind a C++ stack trace. Here every read is checked a
 pycolmap is the oracle of the tests.
 
 Format: COLMAP's documentation, "Output Format". Poses are read from ``images``, which COLMAP keeps writing
-beside the newer ``rigs`` and ``frames``.
+beside the newer ``rigs`` and ``frames``; of these only which images are of one frame.
 """
 
 from __future__ import annotations
@@ -32,6 +32,12 @@ def read_images(path: Path) -> list[ColmapImage]:
 def read_points(path: Path) -> ColmapPoints:
     """Sparse points from ``points3D.bin`` or ``points3D.txt``, ordered by id. Raises ``DataError``."""
     return _reader(path).points(path)
+
+
+def read_frames(path: Path) -> dict[int, int]:
+    """The ids of frames by those of their images, from ``frames.bin`` or ``frames.txt``: images of one frame were taken
+    at one moment by a rig. Raises ``DataError``."""
+    return _reader(path).frames(path)
 
 
 def _reader(path: Path):

@@ -55,6 +55,7 @@ class ColmapImage:
     """Pose (OpenCV world-to-camera [4, 4]) and observed pixels [M, 2] with the ids [M] of their points (-1:
     none)."""
 
+    image_id: int
     name: str
     camera_id: int
     w2c: np.ndarray

@@ -1,4 +1,7 @@
-"""COLMAP's model files as text: ``cameras.txt``, ``images.txt``, ``points3D.txt``. Each raises ``DataError``."""
+"""COLMAP's model files as text: ``cameras.txt``, ``images.txt``, ``points3D.txt`` and ``frames.txt``.
+
+Each raises ``DataError``.
+"""
 
 from __future__ import annotations
 
@@ -47,9 +50,9 @@ def images(path: Path) -> list[ColmapImage]:
         if not line:
             continue
         try:
-            _, *pose, camera_id, name = line.split(maxsplit=9)
+            image_id, *pose, camera_id, name = line.split(maxsplit=9)
             w2c = pose_of(path, name, [float(v) for v in pose])
-            camera = int(camera_id)
+            ids = int(image_id), int(camera_id)
             number, line = next(lines, (number + 1, ""))
             if _is_image(line):
                 problem = f'line {number} is of an image, and not of the points that "{name}" sees'
@@ -61,7 +64,7 @@ def images(path: Path) -> list[ColmapImage]:
             raise
         except ValueError as error:
             raise _bad_line(path, number, error) from error
-        found.append(ColmapImage(name, camera, w2c, rows[:, :2], rows[:, 2].astype(np.int64)))
+        found.append(ColmapImage(ids[0], name, ids[1], w2c, rows[:, :2], rows[:, 2].astype(np.int64)))
     return found
 
 
@@ -91,6 +94,22 @@ def points(path: Path) -> ColmapPoints:
         except ValueError as error:
             raise _bad_line(path, number, error) from error
     return points_of(path, ids, positions, colors)
+
+
+def frames(path: Path) -> dict[int, int]:
+    """The id of the frame of each image, by its id."""
+    found = {}
+    for number, line in _lines(path):
+        try:
+            words = line.split()
+            frame_id, n_data, data = int(words[0]), int(words[9]), words[10:]
+            kinds, ids = data[::3], [int(word) for word in data[2::3]]
+            if len(data) != 3 * n_data:
+                raise ValueError(f"{len(data)} words for {n_data} data ids of 3")
+        except (IndexError, ValueError) as error:
+            raise _bad_line(path, number, error) from error
+        found |= {image_id: frame_id for kind, image_id in zip(kinds, ids, strict=True) if kind == "CAMERA"}
+    return found
 
 
 def _lines(path: Path, keep_empty: bool = False) -> list[tuple[int, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -133,27 +133,40 @@ def no_points() -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
 
 
-def every_eighth(items: Sequence[T]) -> tuple[list[T], list[T]]:
+def every_eighth(items: Sequence[T], rig_frames: Mapping[T, int] | None = None) -> tuple[list[T], list[T]]:
     """Split into (train, test): items 0, 8, 16, ... are test. A single item is train, since training needs
-    one."""
-    if len(items) < 2:
+    one.
+
+    Items of one rig frame, such as the sides of a panorama, are split as one item, where the first of them is: else
+    a test view would have views beside it that were taken from the same place.
+    """
+    frames = rig_frames or {}
+    numbers: dict[tuple[bool, T | int], int] = {}
+    keys = [(item in frames, frames.get(item, item)) for item in items]
+    counted = [(item, numbers.setdefault(key, len(numbers))) for item, key in zip(items, keys, strict=True)]
+    if len(numbers) < 2:
         return list(items), []
-    train = [item for i, item in enumerate(items) if i % TEST_EVERY]
-    return train, list(items[::TEST_EVERY])
+    train = [item for item, number in counted if number % TEST_EVERY]
+    return train, [item for item, number in counted if number % TEST_EVERY == 0]
 
 
 def held_out(
-    train: Sequence[T], test: Sequence[T], split: str, validation: Sequence[T] = ()
+    train: Sequence[T],
+    test: Sequence[T],
+    split: str,
+    validation: Sequence[T] = (),
+    rig_frames: Mapping[T, int] | None = None,
 ) -> tuple[list[T], list[T]]:
     """(what is trained on, what is measured) by a split in ``SPLITS``, of views that are not read yet.
 
     With "validation" the views ``validation`` of the data are measured in place of the test views, or every 8th
-    training view where it has none. Nobody reads the test views then, so that no choice depends on them.
+    training view where it has none (``rig_frames``: see ``every_eighth``). Nobody reads the test views then, so that no
+    choice depends on them.
     """
     if split == "test":
         return list(train), list(test)
     kept = set(validation)
-    return ([view for view in train if view not in kept], list(validation)) if kept else every_eighth(train)
+    return ([view for view in train if view not in kept], list(validation)) if kept else every_eighth(train, rig_frames)
 
 
 def views_named(views: Sequence[View], names: Sequence[str]) -> list[View]:

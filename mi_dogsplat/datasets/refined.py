@@ -18,8 +18,8 @@ import numpy as np
 from ..scene.cameras import OPENCV_FROM_OPENGL
 from ..support.errors import DataError
 from ..support.files import replacing
-from .colmap import find_model, image_folder, read_sources
-from .dataset import Dataset, every_eighth
+from .colmap import find_model, image_folder, read_sources, split_views
+from .dataset import Dataset
 from .frame_cameras import FULL, intrinsics_of
 from .point_ply import write_point_ply
 from .transforms import NAME, find_transforms, split_sources
@@ -83,8 +83,8 @@ def _sources(data: Path) -> tuple[list[ViewSource], list[str]]:
     """All views, and the names of those to test with."""
     model = find_model(data) if data.is_dir() else None
     if model:
-        sources, _ = read_sources(model, image_folder(data, model))
-        return sources, every_eighth([source.name for source in sources])[1]
+        sources, images = read_sources(model, image_folder(data, model))
+        return sources, split_views(model, images)[1]
     file = find_transforms(data) if data.is_dir() else data
     assert file is not None  # what was loaded
     sources, _, test = split_sources(file)
