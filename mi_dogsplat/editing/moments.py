@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..scene.quaternions import rotation_from_quaternion
 from ..scene.scales import finite_scales
 from ..scene.splats import Array, Splats
 
@@ -57,9 +58,7 @@ class Clusters:
         logits = splats.logit_opacities.astype(np.float64)
         depths = np.minimum(np.logaddexp(0, logits), -np.log1p(-MOST_OPACITY))  # [N] -log(1 - sigmoid)
         absorbances = depths * shadows(scales)
-        quats = splats.quats.astype(np.float64)
-        quats = np.where(quats.any(axis=1, keepdims=True), quats, (0, 0, 0, 1))  # a zero quaternion is the identity
-        axes = Rotation.from_quat(quats).as_matrix() * scales[:, None]  # [N, 3, 3]
+        axes = rotation_from_quaternion(splats.quats.astype(np.float64)) * scales[:, None]  # [N, 3, 3]
         given = absorbances if weights is None else np.asarray(weights, np.float64)
         coefficients = splats.sh_coeffs.astype(np.float64)
         return Clusters(given, absorbances, splats.means.astype(np.float64), axes @ axes.swapaxes(1, 2), coefficients)

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
-from scipy.spatial.transform import Rotation
 
+from ..scene.quaternions import rotation_from_quaternion
 from ..scene.scales import finite_scales
 from ..scene.splats import Array, Splats
 
@@ -51,9 +51,8 @@ def largest_parts(splats: Splats, count: int) -> Array:
 
 def deviations_along(splats: Splats, rows: Array, directions: Array) -> Array:
     """[P] standard deviation of the primitives ``rows`` [P] along unit vectors [P, 3]; at least 0."""
-    quats = splats.quats[rows].astype(np.float64)
-    quats[~quats.any(axis=1)] = 0, 0, 0, 1  # a zero quaternion is the identity
-    local = Rotation.from_quat(quats).inv().apply(directions)  # [P, 3]
+    turns = rotation_from_quaternion(splats.quats[rows].astype(np.float64))  # [P, 3, 3]
+    local = np.einsum("pki,pk->pi", turns, directions)  # along the axes of the primitives
     scales = finite_scales(splats.log_scales[rows])
     return np.linalg.norm(local * scales, axis=1)
 

@@ -19,13 +19,13 @@ import numpy as np
 
 from ..scene.drawing import drawing_of
 from ..scene.ply_tables import TableReader
-from ..scene.quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ
+from ..scene.quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ, unit_quaternions
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from ..support.wording import counted
 from . import trailer
 from .model import Model
-from .packing import SQRT2, from_smallest_three, in_space, logits, smallest_three, unit_quats
+from .packing import SQRT2, from_smallest_three, in_space, logits, smallest_three
 
 CHUNK = 256
 MAX_LOG_SCALE = 20
@@ -55,7 +55,7 @@ def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
         chunk = np.arange(n) // CHUNK
         extent = (high.astype(np.float64) - low)[chunk]  # float32 may hold no difference
         words.append(_packed((values.astype(np.float64) - low[chunk]) / np.where(extent > 0, extent, 1), layout))
-    largest, three = smallest_three(unit_quats(splats)[:, WXYZ_FROM_XYZW])
+    largest, three = smallest_three(unit_quaternions(splats.quats)[:, WXYZ_FROM_XYZW])
     rotations = (largest.astype(np.uint32) << 30) | _packed(three / SQRT2 + 0.5, BITS_OF_ROTATION)
     words[2] |= _packed(splats.opacities[:, None], ((0, 8),))
     positions, packed_scales, packed_colors = words

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from ..scene.drawing import EXTRAS, Drawing
+from ..scene.quaternions import unit_quaternions
 from ..scene.scales import finite_scales
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from .gltf_container import glb, gltf
 from .gltf_read import DISPLAY, LINEAR, NAME
-from .packing import LUF, unit_quats
+from .packing import LUF
 from .placed import placing
 
 FLOAT, BYTE, ARRAY_BUFFER, POINTS = 5126, 5121, 34962, 0
@@ -32,7 +33,7 @@ def attributes(splats: Splats) -> dict[str, Array]:
     found: dict[str, Array] = {
         "POSITION": splats.means,
         "COLOR_0": np.round(np.clip(colors, 0, 1) * 255).astype(np.uint8),
-        f"{NAME}:ROTATION": unit_quats(splats).astype(np.float32),
+        f"{NAME}:ROTATION": unit_quaternions(splats.quats).astype(np.float32),
         f"{NAME}:SCALE": finite_scales(splats.log_scales).astype(np.float32),
         f"{NAME}:OPACITY": splats.opacities[:, None],
     }

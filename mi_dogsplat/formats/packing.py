@@ -38,13 +38,6 @@ def turned(splats: Splats, turn: Turn) -> Splats:
     )
 
 
-def unit_quats(splats: Splats) -> Array:
-    """Rotations [N, 4] as float64 unit quaternions (x, y, z, w); the identity for a zero quaternion."""
-    quats = splats.quats.astype(np.float64)
-    lengths = np.linalg.norm(quats, axis=1, keepdims=True)  # [N, 1]
-    return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), [0.0, 0, 0, 1])
-
-
 def smallest_three(quats: Array) -> tuple[Array, Array]:
     """Index [N] of the largest component of unit quaternions [N, 4], and the others [N, 3] where it is positive."""
     largest = np.abs(quats).argmax(axis=1)  # [N]

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from ..scene.drawing import EXTRAS, Drawing
-from ..scene.quaternions import WXYZ_FROM_XYZW
+from ..scene.quaternions import WXYZ_FROM_XYZW, unit_quaternions
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
-from .packing import SQRT2, smallest_three, unit_quats
+from .packing import SQRT2, smallest_three
 from .palette import CODES, codebook, nearest, palette
 from .sog_read import FIRST_TAG, PER_ROW
 
@@ -50,7 +50,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     steps = np.round((logs - low) / np.where(high > low, high - low, 1) * 65535).astype(np.uint16)
     means = {"mins": low.tolist(), "maxs": high.tolist()}
     means["files"] = [store("means_l.webp", steps & 255), store("means_u.webp", steps >> 8)]
-    largest, three = smallest_three(unit_quats(splats)[:, WXYZ_FROM_XYZW])
+    largest, three = smallest_three(unit_quaternions(splats.quats)[:, WXYZ_FROM_XYZW])
     quats = np.concatenate([_bytes((three * SQRT2 + 1) / 2), (FIRST_TAG + largest)[:, None]], axis=1)
     sizes, (dc, indices) = codebook(splats.log_scales), _colors(splats.sh_coeffs[:, 0], bool(drawing.linear))
     sh0 = np.concatenate([indices, _bytes(splats.opacities[:, None])], axis=1)

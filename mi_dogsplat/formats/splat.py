@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ
+from ..scene.quaternions import WXYZ_FROM_XYZW, XYZW_FROM_WXYZ, unit_quaternions
 from ..scene.scales import SMALLEST_SCALE, finite_scales
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DAMAGED, DataError
 from ..support.wording import counted
 from .model import Model
-from .packing import logits, unit_quats
+from .packing import logits
 
 ROW = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
 MIDDLE = 128  # of a quaternion's component
@@ -32,7 +32,7 @@ def encode(splats: Splats) -> bytes:
     colors = np.concatenate([splats.sh_coeffs[:, 0] * C0 + 0.5, splats.opacities[:, None]], axis=1)  # [N, 4]
     rows["means"], rows["scales"] = splats.means, finite_scales(splats.log_scales)
     rows["rgba"] = np.round(np.clip(colors, 0, 1) * 255)
-    rows["quats"] = np.clip(np.round(unit_quats(splats)[:, WXYZ_FROM_XYZW] * MIDDLE + MIDDLE), 0, 255)
+    rows["quats"] = np.clip(np.round(unit_quaternions(splats.quats)[:, WXYZ_FROM_XYZW] * MIDDLE + MIDDLE), 0, 255)
     size = splats.log_scales.astype(np.float64).sum(axis=1) + np.log(np.maximum(splats.opacities, 1e-30))
     return rows[np.argsort(-size, kind="stable")].tobytes()
 

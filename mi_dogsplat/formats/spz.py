@@ -31,12 +31,13 @@ from pathlib import Path
 import numpy as np
 
 from ..scene.drawing import Drawing, comments_of, drawing_of
+from ..scene.quaternions import unit_quaternions
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from .grids import Extents, Steps
 from .model import Model
-from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
+from .packing import SQRT2, from_smallest_three, logits, smallest_three
 from .spz_container import EXTENSIONS, HEADER, MAGIC, Payload, unwrapped, with_comment
 
 VERSION = 3  # that is written
@@ -65,7 +66,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     sh, log_scales = (values.astype(np.float64) for values in (splats.sh_coeffs, splats.log_scales))
     dc = shown(sh[:, 0]) if drawing.linear else sh[:, 0]
     colors = dc * (COLOR_SCALE * 255) + 127.5
-    largest, three = smallest_three(unit_quats(splats))
+    largest, three = smallest_three(unit_quaternions(splats.quats))
     magnitudes = np.minimum(MAGNITUDES, np.abs(three) * SQRT2 * MAGNITUDES + 0.5).astype(np.uint32)
     parts = ((three < 0).astype(np.uint32) << 9) | magnitudes  # [N, 3]
     rotations = (largest.astype(np.uint32) << 30) | (parts[:, 0] << 20) | (parts[:, 1] << 10) | parts[:, 2]

@@ -12,9 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..scene.quaternions import quaternion_product, rotation_from_quaternion
+from ..scene.quaternions import quaternion_product, rotation_from_quaternion, unit_quaternions
 from ..scene.splats import Array, Splats
-from .packing import unit_quats
 
 
 def _cube_rotations() -> tuple[Array, Array]:
@@ -36,7 +35,7 @@ CUBE_QUATS, CUBE_AXES = _cube_rotations()
 
 def nearest_to_identity(splats: Splats) -> Splats:
     """The same ellipsoids, each with the unit quaternion, w positive, that turns least; scales reordered."""
-    quats = unit_quats(splats)
+    quats = unit_quaternions(splats.quats)
     best = np.abs(_w_of_products(quats)).argmax(axis=1)  # [N]
     chosen = quaternion_product(quats, CUBE_QUATS[best])
     chosen *= np.where(chosen[:, 3:] < 0, -1, 1)

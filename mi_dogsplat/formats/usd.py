@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from ..scene.drawing import EXTRAS, Drawing
-from ..scene.quaternions import rotation_from_quaternion
+from ..scene.quaternions import rotation_from_quaternion, unit_quaternions
 from ..scene.scales import finite_scales
 from ..scene.splats import Array, Splats
-from .packing import RUB, unit_quats
+from .packing import RUB
 from .placed import placing
 from .usd_author import ROOT, author, new_stage, place, write_stage
 from .usd_files import require_package
@@ -38,7 +38,7 @@ def write(path: Path, splats: Splats, drawing: Drawing = Drawing()) -> None:
     stage = new_stage()
     prim = stage.DefinePrim(PRIM, TYPE)
     author(prim, "positions", "point3f[]", splats.means)
-    author(prim, "orientations", "quatf[]", unit_quats(splats))
+    author(prim, "orientations", "quatf[]", unit_quaternions(splats.quats))
     author(prim, "scales", "float3[]", finite_scales(splats.log_scales))
     author(prim, "opacities", "float[]", splats.opacities)
     author(prim, DEGREE, "int", splats.sh_degree, varying=False)
@@ -60,7 +60,8 @@ def extent(splats: Splats) -> Array:
     """The least and the greatest corner [2, 3] of a box around all primitives; empty, as OpenUSD has it, of none."""
     if not splats.n_splats:
         return np.zeros((0, 3), np.float32)
-    axes = rotation_from_quaternion(unit_quats(splats)) * finite_scales(splats.log_scales)[:, None, :]  # [N, 3, 3]
+    turns = rotation_from_quaternion(splats.quats.astype(np.float64))
+    axes = turns * finite_scales(splats.log_scales)[:, None, :]  # [N, 3, 3]
     reach = REACH * np.sqrt((axes**2).sum(axis=2))  # [N, 3]
     largest = np.finfo(np.float32).max
     corners = [(splats.means - reach).min(axis=0), (splats.means + reach).max(axis=0)]

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..formats.model import Model
 from ..scene.finite import finite_in, finite_rows
+from ..scene.quaternions import unit_quaternions
 from ..scene.row_groups import BESIDE_DOG
 from ..scene.splats import Splats
 from ..scene.transform import transformed
@@ -71,7 +72,7 @@ def to_ellipsoids(
         "type": "ellipsoids",
         "centers": mi.TensorXf(splats.means),
         "scales": mi.TensorXf(np.maximum(splats.scales, np.float32(MIN_SCALE))),
-        "quaternions": mi.TensorXf(_unit(splats.quats)),
+        "quaternions": mi.TensorXf(unit_quaternions(splats.quats).astype(np.float32)),
         "opacities": mi.TensorXf(splats.opacities[:, None]),
         "sh_coeffs": mi.TensorXf(splats.sh_coeffs.reshape(splats.n_splats, -1)),
         "extent": float(extent),  # extent_adaptive_clamping would save time, but is NaN for opacities below .01
@@ -82,13 +83,6 @@ def _drawn(splats: Splats) -> np.ndarray:
     """[N] whether a primitive shows at all; a positive part may, though its pseudo-Gaussian is broken."""
     finite = finite_rows(splats.opacities, splats.means, splats.scales, splats.quats, splats.uniform_sh().sh_coeffs)
     return finite & (splats.opacities >= MIN_OPACITY) & finite_in(splats, BESIDE_DOG)
-
-
-def _unit(quats: np.ndarray) -> np.ndarray:
-    """[N, 4] of length 1, which Mitsuba takes for granted; the zero quaternion is the identity, as in ``project``."""
-    largest = np.abs(quats).max(axis=1, keepdims=True)  # the square of a length need not be a float
-    q = np.where(largest > 0, quats / np.where(largest > 0, largest, 1), np.array([0, 0, 0, 1], np.float32))
-    return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
 def _report(splats: Splats, n_hidden: int, linear: bool) -> None:

@@ -46,6 +46,14 @@ def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
     return np.linalg.eigh(np.moveaxis(k, (0, 1), (-2, -1)))[1][..., :, -1]
 
 
+def unit_quaternions(quats: np.ndarray) -> np.ndarray:
+    """Quaternions [N, 4] (x, y, z, w) of length 1, float64, which turn as those of any length do; zero is the
+    identity."""
+    quats = quats.astype(np.float64)  # in float32 the square of a length need not be finite
+    lengths = np.linalg.norm(quats, axis=1, keepdims=True)  # [N, 1]
+    return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), [0.0, 0, 0, 1])
+
+
 def rotation_from_quaternion(quats: np.ndarray) -> np.ndarray:
     """Rotation matrices [N, 3, 3] of quaternions [N, 4] of any length; zero is the identity."""
     squared = (quats**2).sum(axis=1)  # [N]

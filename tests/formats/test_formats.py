@@ -16,9 +16,10 @@ import pytest
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.formats import compressed_ply, gltf, gltf_read, sog, sog_read, spz
 from mi_dogsplat.formats.coded import snapped
-from mi_dogsplat.formats.packing import LUF, RUB, morton_order, turned, unit_quats
+from mi_dogsplat.formats.packing import LUF, RUB, morton_order, turned
 from mi_dogsplat.formats.palette import codebook, nearest, palette
 from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.scene.quaternions import unit_quaternions
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
@@ -54,7 +55,8 @@ def angle(a: np.ndarray, b: np.ndarray) -> float:
 
 def spread(model: Splats) -> np.ndarray:
     """Covariances [N, 3, 3] over their largest eigenvalue: several quaternions are one ellipsoid."""
-    axes = Rotation.from_quat(unit_quats(model)).as_matrix() * np.exp(model.log_scales)[:, None]  # [N, 3, 3]
+    turns = Rotation.from_quat(unit_quaternions(model.quats)).as_matrix()
+    axes = turns * np.exp(model.log_scales)[:, None]  # [N, 3, 3]
     return axes @ axes.transpose(0, 2, 1) / np.exp(2 * model.log_scales.max(axis=1))[:, None, None]
 
 
@@ -67,7 +69,7 @@ def decoded(name: str, model: Splats, folder: Path) -> Splats:
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_quaternion_of_zeros_is_no_turn(name, tmp_path):
     model = one(quats=[[0, 0, 0, 0]])
-    assert unit_quats(model).tolist() == [[0, 0, 0, 1]]
+    assert unit_quaternions(model.quats).tolist() == [[0, 0, 0, 1]]
     assert np.abs(spread(decoded(name, model, tmp_path)) - spread(one())).max() < 0.05
 
 
@@ -93,7 +95,7 @@ def test_what_is_read_differs_by_no_more_than_the_steps_of_the_format(name, degr
     rest = {"spz": 0.5 / 128, "glb": 0, "compressed.ply": 8 / 256, "sog": 0.9}
     assert np.abs(back.means - model.means).max() <= position[name] + 1e-6
     assert np.abs(back.log_scales - model.log_scales).max() <= scale[name] + 1e-6
-    assert angle(unit_quats(back), unit_quats(model)) <= rotation[name]
+    assert angle(unit_quaternions(back.quats), unit_quaternions(model.quats)) <= rotation[name]
     assert np.abs(back.opacities - model.opacities).max() <= (0 if name == "glb" else 0.5 / 255) + 1e-6
     assert np.abs(back.sh_coeffs[:, 0] - model.sh_coeffs[:, 0]).max() <= color[name] + 1e-6
     if degree:
@@ -278,7 +280,7 @@ def test_another_program_reads_the_same_numbers(name, degree, tmp_path):
     theirs = read_ply(tmp_path / "theirs.ply")
     for values in ("means", "log_scales", "sh_coeffs", "opacities"):
         assert getattr(theirs, values) == pytest.approx(getattr(ours, values), abs=1e-5)
-    assert angle(unit_quats(theirs), unit_quats(ours)) < 1e-3
+    assert angle(unit_quaternions(theirs.quats), unit_quaternions(ours.quats)) < 1e-3
 
 
 # --- what they share ---

@@ -7,12 +7,13 @@ import pytest
 from mi_dogsplat.formats.coded import CODED, snapped
 from mi_dogsplat.formats.grids import Extents, Grid, Steps
 from mi_dogsplat.formats.model import Model
-from mi_dogsplat.formats.packing import by_color, in_space, unit_quats
+from mi_dogsplat.formats.packing import by_color, in_space
 from mi_dogsplat.formats.palette import centred, lloyd, nearest_entries, palette
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.symmetries import nearest_to_identity
 from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.scene.drawing import Drawing
+from mi_dogsplat.scene.quaternions import unit_quaternions
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.srgb import linear_to_srgb_log
@@ -34,7 +35,7 @@ def rows(model: Splats) -> np.ndarray:
 
 def covariances(model: Splats) -> np.ndarray:
     """[N, 3, 3] float64."""
-    x, y, z, w = unit_quats(model).T
+    x, y, z, w = unit_quaternions(model.quats).T
     turn = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
                      [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
                      [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])  # fmt: skip

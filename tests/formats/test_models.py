@@ -8,8 +8,8 @@ import foreign_model
 import numpy as np
 import pytest
 from mi_dogsplat import Drawing, Model, Splats, read_model, write_model
-from mi_dogsplat.formats.packing import unit_quats
 from mi_dogsplat.formats.table import FORMATS
+from mi_dogsplat.scene.quaternions import unit_quaternions
 from mi_dogsplat.support.errors import DataError
 from ply_files import random_splats
 from scipy.spatial.transform import Rotation
@@ -28,7 +28,7 @@ def nearest(back: Splats, model: Splats) -> Splats:
 
 def covariances(model: Splats) -> np.ndarray:
     """[N, 3, 3]: several quaternions are one ellipsoid."""
-    axes = Rotation.from_quat(unit_quats(model)).as_matrix() * np.exp(model.log_scales)[:, None]
+    axes = Rotation.from_quat(unit_quaternions(model.quats)).as_matrix() * np.exp(model.log_scales)[:, None]
     return axes @ axes.transpose(0, 2, 1)
 
 

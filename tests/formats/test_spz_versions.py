@@ -10,7 +10,8 @@ import pytest
 import zstandard
 from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.formats import spz
-from mi_dogsplat.formats.packing import RUB, turned, unit_quats
+from mi_dogsplat.formats.packing import RUB, turned
+from mi_dogsplat.scene.quaternions import unit_quaternions
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 
@@ -28,7 +29,7 @@ def version_3(path) -> tuple[tuple, bytes]:
 def test_version_2_has_three_bytes_for_a_rotation(tmp_path):
     _, body = version_3(tmp_path / "a.spz")
     expected = spz.read(tmp_path / "a.spz").splats
-    quats = unit_quats(expected)
+    quats = unit_quaternions(expected.quats)
     xyz = quats[:, :3] * np.where(quats[:, 3:] < 0, -1, 1)
     rotations = np.round(xyz * 127.5 + 127.5).astype(np.uint8).tobytes()
     at = N * 16

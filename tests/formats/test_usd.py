@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.formats import limits, usd, usd_read
-from mi_dogsplat.formats.packing import RUB, turned, unit_quats
+from mi_dogsplat.formats.packing import RUB, turned
 from mi_dogsplat.formats.read import read_source, size_of
 from mi_dogsplat.formats.upright import upright
 from mi_dogsplat.scene.orientation import up_vector
+from mi_dogsplat.scene.quaternions import unit_quaternions
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.errors import DataError
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdValidation, UsdVol, Vt
@@ -44,7 +45,7 @@ def test_the_library_finds_its_schema_and_nothing_against_it(file):
     coefficients = np.array(splats.GetRadianceSphericalHarmonicsCoefficientsAttr().Get())
     np.testing.assert_array_equal(coefficients.reshape(-1, 9, 3), ours.sh_coeffs)
     first = splats.GetOrientationsAttr().Get()[0]
-    np.testing.assert_allclose([*first.GetImaginary(), first.GetReal()], unit_quats(ours)[0], atol=1e-6)
+    np.testing.assert_allclose([*first.GetImaginary(), first.GetReal()], unit_quaternions(ours.quats)[0], atol=1e-6)
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     found = [error.GetMessage() for error in UsdValidation.ValidationContext(validators).Validate(stage)]
     assert len(validators) > 10 and found == []
@@ -59,7 +60,8 @@ def test_its_box_holds_all_primitives_and_is_no_larger(file):
     around *= 3 / np.linalg.norm(around, axis=1, keepdims=True)  # three standard deviations from the centre
     points = []
     for k in range(ours.n_splats):
-        turn = Gf.Matrix3d(Gf.Quatd(*unit_quats(ours)[k][[3, 0, 1, 2]].tolist()))  # of the library, for rows
+        real_first = unit_quaternions(ours.quats)[k][[3, 0, 1, 2]].tolist()
+        turn = Gf.Matrix3d(Gf.Quatd(*real_first))  # of the library, for rows
         points.append(ours.means[k] + around * np.exp(ours.log_scales[k]) @ np.array(turn))
     points = np.concatenate(points)
     assert (points.min(axis=0) >= low - 1e-5).all() and (points.max(axis=0) <= high + 1e-5).all()
@@ -222,7 +224,7 @@ def test_halves_are_read_and_floats_come_before_them(stage):
     np.testing.assert_array_equal(read.means, MODEL.means)
     np.testing.assert_allclose(read.log_scales, MODEL.log_scales, rtol=0, atol=2e-3)
     np.testing.assert_allclose(read.opacities, MODEL.opacities, rtol=1e-3)
-    assert (abs((unit_quats(read) * unit_quats(MODEL)).sum(axis=1)) > 1 - 1e-5).all()
+    assert (abs((unit_quaternions(read.quats) * unit_quaternions(MODEL.quats)).sum(axis=1)) > 1 - 1e-5).all()
 
 
 def test_what_a_prim_does_not_say_is_what_the_schema_takes(stage):
@@ -233,7 +235,7 @@ def test_what_a_prim_does_not_say_is_what_the_schema_takes(stage):
     read = read_saved(stage)
     assert read.splats.sh_degree == 0 and (read.splats.sh_coeffs == 0).all()  # which is grey
     assert (read.splats.log_scales == 0).all() and (read.splats.opacities > 0.9999).all()
-    assert (unit_quats(read.splats)[:, 3] == 1).all()
+    assert (unit_quaternions(read.splats.quats)[:, 3] == 1).all()
     assert read.left_out == () and read.drawing == Drawing()
 
 

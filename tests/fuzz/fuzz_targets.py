@@ -6,6 +6,7 @@ hang, no crash, and no more memory than stands in proportion to the file.
 
 import io
 import json
+import struct
 import tempfile
 import time
 import zipfile
@@ -19,7 +20,7 @@ from cut_models import with_cuts, with_second_cuts
 from dataset_folders import colmap_folder, transforms_folder
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.capture import SETTINGS
-from mi_dogsplat.datasets.colmap_files import read_cameras, read_images, read_points
+from mi_dogsplat.datasets.colmap_files import read_cameras, read_frames, read_images, read_points
 from mi_dogsplat.datasets.given_cameras import listed_shots
 from mi_dogsplat.datasets.images import image_size, read_image
 from mi_dogsplat.datasets.point_ply import read_point_ply, write_point_ply
@@ -114,7 +115,9 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
     binary = {path.name: path.read_bytes() for path in model.glob("*.bin")}
     colmap_folder(root / "colmap")
     text = {path.name: path.read_bytes() for path in model.glob("*.txt")}
-    readers = {"cameras": read_cameras, "images": read_images, "points3D": read_points}
+    binary["frames.bin"] = struct.pack("<QII7dIiIQ", 1, 1, 1, 1, *(0,) * 6, 1, 0, 7, 1)
+    text["frames.txt"] = b"1 1 1 0 0 0 0 0 0 1 CAMERA 7 1\n"
+    readers = {"cameras": read_cameras, "images": read_images, "points3D": read_points, "frames": read_frames}
     for name, content in (binary | text).items():
         add(f"colmap_{name.replace('.', '_')}", name, [content], readers[name.split(".")[0]])
     add("colmap_dataset", "images.txt", [text["images.txt"]], lambda path: load_dataset(path.parents[0]))
