@@ -14,7 +14,11 @@ LENSES = (  # lens.py reads them all but the last one
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", EQUIRECTANGULAR,
 )  # fmt: skip
 FREE = ("gpu", "source", "masks")  # may change from one start to the next; digests tell what lies there
-LENS = "lens of each camera, a model of COLMAP's: " + ", ".join(LENSES) + " (panoramas, cut into six views each)"
+DEFAULT_LENS = "SIMPLE_RADIAL"
+LENS = (
+    f"lens of each camera, a model of COLMAP's: {', '.join(LENSES)} (panoramas, cut into six views each; default: "
+    f"{DEFAULT_LENS}, and {EQUIRECTANGULAR} where the images say so)"
+)
 FRAMES = "frames to take of a video (default: as many as its motion asks for, at most 300)"
 MASKS = "folder of masks, named as the images: nothing black is matched (default: INPUT/masks where there is one)"
 UNDISTORT = "write images as of a pinhole, for programs that know no lenses; else images keep pixels and lens"
@@ -25,7 +29,7 @@ SIZE = "longest side of the images in which features are sought; larger ones are
 class PosesConfig:
     """What stands beside a field's type is the help text of its flag. Raises ``DataError`` that names the flag."""
 
-    lens: Annotated[str, Setting(LENS, "MODEL", choices=LENSES)] = "SIMPLE_RADIAL"
+    lens: Annotated[str | None, Setting(LENS, "MODEL", choices=LENSES)] = None
     frames: Annotated[int | None, Setting(FRAMES, least=2)] = None
     masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
     undistort: Annotated[bool, Setting(UNDISTORT)] = False
@@ -48,4 +52,4 @@ class PosesConfig:
     @property
     def camera_model(self) -> str:
         """COLMAP's name of the cameras of the images in which features are sought."""
-        return "PINHOLE" if self.panoramas else self.lens
+        return "PINHOLE" if self.panoramas else self.lens or DEFAULT_LENS

@@ -21,7 +21,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 from ..datasets.images import UNREADABLE, open_image, read_image, stored_size
 from ..support.cores import usable_cores
 from ..support.errors import DataError
-from .config import EQUIRECTANGULAR
+from .config import DEFAULT_LENS, EQUIRECTANGULAR
 from .photographs import Photograph
 from .resampled import write_resampled
 
@@ -86,24 +86,38 @@ class Cut:
         return made
 
 
-def require_shapes(photographs: Iterable[Path], panoramas: bool) -> None:
-    """Raise ``DataError`` where photographs are not what they are said to be: ``panoramas``, or none of them.
+def lens_of_photographs(photographs: Iterable[Path], lens: str | None) -> str:
+    """As ``lens_of``. Raises ``DataError`` also for panoramas that cannot be cut as one.
 
-    One that cannot be read is told later, with all others.
+    A photograph that cannot be read is told later, with all others.
     """
-    sizes: dict[Path, tuple[int, int]] = {}
+    sizes, said = {}, {}
     for path in photographs:
         try:
             with open_image(path) as image:
-                sizes[path], said = stored_size(image), image.info.get("xmp")
+                width, height = sizes[path] = stored_size(image)
+                xmp = image.info.get("xmp")
         except UNREADABLE:
             continue
-        width, height = sizes[path]
-        if not panoramas and width == 2 * height and isinstance(said, bytes) and XMP.search(said):
-            remedy = f"give dogsplat poses --lens {EQUIRECTANGULAR}, and train with what comes of it"
-            raise DataError(path, "is a panorama of all directions, as its XMP says", remedy)
-    if panoramas and sizes:
+        said[path] = width == 2 * height and isinstance(xmp, bytes) and bool(XMP.search(xmp))
+    found = lens_of(said, lens)
+    if found == EQUIRECTANGULAR and sizes:
         cut_of(sizes)
+    return found
+
+
+def lens_of(said: Mapping[Path, bool], lens: str | None) -> str:
+    """The lens of files: the given one; without one that of panoramas, if all of them say that they are some.
+
+    said: whether a file says so. Raises ``DataError`` for one that does, where the lens is another.
+    """
+    if lens is None and said and all(said.values()):
+        return EQUIRECTANGULAR
+    panorama = next((path for path, says in said.items() if says), None)
+    if panorama and lens != EQUIRECTANGULAR:
+        remedy = f"leave out --lens {lens}" if lens else "leave it out, or give such files alone"
+        raise DataError(panorama, "says that it is a panorama of all directions", remedy)
+    return lens or DEFAULT_LENS
 
 
 def cut_of(sizes: Mapping[Path, tuple[int, int]]) -> Cut:

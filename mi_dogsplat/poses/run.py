@@ -40,11 +40,11 @@ from .input import find_photographs, is_video, mask_folder, require_input
 from .mapping import reconstruct
 from .matching import match
 from .output import undistort, write_model
-from .panoramas import SIDES, cut_masks, cut_panoramas, require_shapes
+from .panoramas import SIDES, cut_masks, cut_panoramas, lens_of, lens_of_photographs
 from .photographs import Photograph, prepare, prepare_masks
 from .rigs import tie_views
 from .summary import Summary, outcome_of, summary_of
-from .video import require_video
+from .video import says_panorama
 from .world import place
 
 DATABASE, SECONDS, COPIED = "work/database.db", "work/seconds.json", "work/copied.json"
@@ -139,9 +139,11 @@ def find_poses(
     pycolmap = pycolmap_module(config.gpu)
     masks = mask_folder(source, config.masks)
     photographs = {} if is_video(source) else find_photographs(source, out, masks)
-    if not photographs:
-        require_video(source)
-    require_shapes(photographs.values(), config.panoramas)
+    if photographs:
+        lens = lens_of_photographs(photographs.values(), config.lens)
+    else:
+        lens = lens_of({source: says_panorama(source)}, config.lens)
+    config = dataclasses.replace(config, lens=lens)
     search = Search(source, photographs, masks, out, config)
     begin(out / SETTINGS, search.settings(), "search for poses", search.free())
     with locked(out, "another process is looking for poses in it"):

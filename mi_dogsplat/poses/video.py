@@ -6,6 +6,7 @@ a level of its log would have ffmpeg's threads wait for Python, and Python for t
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,17 +20,24 @@ from .video_colors import require_colors, srgb_of
 FORMATS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,asf,flv,ogg"
 OPTIONS = {"protocol_whitelist": "file", "format_whitelist": FORMATS}
 REMEDY = "export it again, as .mp4 with H.264, or give the frames as a folder of images"
+EQUIRECTANGULAR = 0  # of ffmpeg's AVSphericalProjection
 MAX_DAMAGED = 0.1  # of the packets of a video that can be used
 
 
-def require_video(path: Path) -> None:
-    """Raise ``DataError`` for a video without a frame that can be read, ``ModuleNotFoundError`` where PyAV is not
-    installed; before anything is written."""
+def says_panorama(path: Path) -> bool:
+    """Whether a video says that it shows all directions, and is twice as wide as high.
+
+    Raises ``DataError`` for a video without a frame that can be read, ``ModuleNotFoundError`` where PyAV is not
+    installed.
+    """
     frames = read_frames(path)
     try:
-        next(frames)
+        _, frame, aspect = next(frames)
+        said = frame.side_data.get("SPHERICAL")
     finally:
         frames.close()
+    whole = round(frame.width * aspect) == 2 * frame.height  # pictures for two eyes may lie one above the other
+    return whole and said is not None and int.from_bytes(bytes(said)[:4], sys.byteorder) == EQUIRECTANGULAR
 
 
 def read_frames(path: Path) -> Generator[tuple[int, Any, float], None, None]:

@@ -122,18 +122,6 @@ def test_frames_of_a_video_that_is_no_panorama_are_not_cut(tmp_path):
         cut_panoramas([frame], tmp_path, tmp_path, lambda done, n: None)
 
 
-XMP = '<rdf:Description xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" GPano:ProjectionType{}/>'
-
-
-@pytest.mark.parametrize("said", ['="equirectangular"', ">equirectangular</GPano:ProjectionType"])
-def test_photographs_that_say_that_they_are_panoramas_are_no_pinholes(tmp_path, said):
-    for name in ("a.jpg", "b.jpg"):
-        Image.new("RGB", (64, 32)).save(tmp_path / name, xmp=XMP.format(said).encode())
-    with pytest.raises(DataError, match="a.jpg: is a panorama of all directions, .* give .*--lens EQUIRECTANGULAR"):
-        find_poses(tmp_path, tmp_path / "out", PosesConfig())
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_search_among_panoramas_goes_on_where_it_was(photographed, posed, tmp_path):
     out = shutil.copytree(posed, tmp_path / "out")
     shutil.rmtree(out / "sparse")
