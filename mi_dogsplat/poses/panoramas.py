@@ -8,8 +8,7 @@ wide as one of the panorama on its equator.
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,10 +17,10 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
-from ..datasets.images import UNREADABLE, open_image, read_image, stored_size
+from ..datasets.images import read_image
 from ..support.cores import usable_cores
 from ..support.errors import DataError
-from .config import DEFAULT_LENS, EQUIRECTANGULAR
+from .config import EQUIRECTANGULAR
 from .photographs import Photograph
 from .resampled import write_resampled
 
@@ -33,7 +32,6 @@ SIDES = {  # where each view looks (x right, y down, z ahead): its right and its
     "down": ((1, 0, 0), (0, 0, -1)),
     "up": ((1, 0, 0), (0, 0, 1)),
 }
-XMP = re.compile(rb"GPano:ProjectionType[=>]\s*[\"']?\s*equirectangular", re.IGNORECASE)
 MOST_THREADS = 4  # a panorama of 5760x2880 takes nearly 1 GB while it is cut
 SEAM = 8  # pixels beyond each edge that a spline sees: a panorama goes on round the circle, and beyond its poles
 
@@ -84,40 +82,6 @@ class Cut:
                 seen = map_coordinates(spline, places, np.float32, prefilter=False)
                 made[side][..., c] = np.clip(seen, plane.min(), plane.max())
         return made
-
-
-def lens_of_photographs(photographs: Iterable[Path], lens: str | None) -> str:
-    """As ``lens_of``. Raises ``DataError`` also for panoramas that cannot be cut as one.
-
-    A photograph that cannot be read is told later, with all others.
-    """
-    sizes, said = {}, {}
-    for path in photographs:
-        try:
-            with open_image(path) as image:
-                width, height = sizes[path] = stored_size(image)
-                xmp = image.info.get("xmp")
-        except UNREADABLE:
-            continue
-        said[path] = width == 2 * height and isinstance(xmp, bytes) and bool(XMP.search(xmp))
-    found = lens_of(said, lens)
-    if found == EQUIRECTANGULAR and sizes:
-        cut_of(sizes)
-    return found
-
-
-def lens_of(said: Mapping[Path, bool], lens: str | None) -> str:
-    """The lens of files: the given one; without one that of panoramas, if all of them say that they are some.
-
-    said: whether a file says so. Raises ``DataError`` for one that does, where the lens is another.
-    """
-    if lens is None and said and all(said.values()):
-        return EQUIRECTANGULAR
-    panorama = next((path for path, says in said.items() if says), None)
-    if panorama and lens != EQUIRECTANGULAR:
-        remedy = f"leave out --lens {lens}" if lens else "leave it out, or give such files alone"
-        raise DataError(panorama, "says that it is a panorama of all directions", remedy)
-    return lens or DEFAULT_LENS
 
 
 def cut_of(sizes: Mapping[Path, tuple[int, int]]) -> Cut:

@@ -37,10 +37,11 @@ from .feature_masks import feature_masks
 from .features import extract
 from .frames import CHOICE, take_frames
 from .input import find_photographs, is_video, mask_folder, require_input
+from .lens_choice import lens_of, lens_of_photographs
 from .mapping import reconstruct
 from .matching import match
 from .output import undistort, write_model
-from .panoramas import SIDES, cut_masks, cut_panoramas, lens_of, lens_of_photographs
+from .panoramas import SIDES, cut_masks, cut_panoramas
 from .photographs import Photograph, prepare, prepare_masks
 from .rigs import tie_views
 from .summary import Summary, outcome_of, summary_of

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mi_dogsplat.poses.config import PosesConfig
-from mi_dogsplat.poses.panoramas import lens_of_photographs
+from mi_dogsplat.poses.lens_choice import lens_of_photographs
 from mi_dogsplat.poses.run import find_poses
 from mi_dogsplat.poses.video import says_panorama
 from mi_dogsplat.support.errors import DataError
