@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from itertools import product
 from pathlib import Path
 
 import mitsuba as mi
@@ -64,6 +65,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("model", type=Path)
     parser.add_argument("--voxels", nargs="+", type=float, default=[0.04, 0.02, 0.01])
+    parser.add_argument("--faces", nargs="*", type=int, default=[], help="also meshes simplified to so many triangles")
     parser.add_argument("--variant", default="llvm_ad_rgb")
     args = parser.parse_args(argv)
     set_variant(args.variant)
@@ -75,9 +77,9 @@ def main(argv: list[str]) -> None:
     own = vantage_cameras(read.splats, config.views, config.size, 0, config.inside, read.drawing.up)
     print(COLUMNS)
     for views, name in ((cameras, "training"), (own, "its own")):
-        for voxel in args.voxels:
+        for voxel, faces in product(args.voxels, (None, *args.faces)):
             start = time.perf_counter()
-            mesh, _ = surface_of(read.splats, views, drawn, MeshConfig(voxel=voxel))
+            mesh, _ = surface_of(read.splats, views, drawn, MeshConfig(voxel=voxel, faces=faces))
             seconds, points = time.perf_counter() - start, mesh_points(mesh, rng)
             to_scene, to_mesh = of_scene.query(points)[0], cKDTree(points).query(truth)[0]
             row = f"{len(views):4d} {name:9s}{voxel:6g}{len(mesh.faces):11,d}{seconds:9.0f}"

@@ -1,8 +1,8 @@
 """Poses by ``dogsplat poses`` against those that are known: of captures whose poses are thrown away, of a film, and of
 panoramas of all directions, as photographs and as a video.
 
-For each: how many images have a pose, how far off these are, the time of each stage, and test PSNR of trainings that
-differ in nothing but the poses and points.
+For each: how many images have a pose, how far off these are, and the time of each stage. For captures and the film also
+test PSNR of trainings that differ in nothing but the poses and points.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from mi_dogsplat.datasets.colmap import find_model, load_colmap, read_sources
 from mi_dogsplat.datasets.frame_cameras import intrinsics_of
 from mi_dogsplat.datasets.point_ply import write_point_ply
 from mi_dogsplat.datasets.scene_file import load_scene
-from mi_dogsplat.poses.config import EQUIRECTANGULAR, PosesConfig
+from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.run import find_poses
+from mi_dogsplat.poses.summary import Summary
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL, Camera
 from mi_dogsplat.support.variants import set_variant
@@ -31,7 +32,7 @@ from mi_dogsplat.training.config import TrainConfig
 from PIL import Image
 
 from .filmed_scene import film, textured_room, write_video
-from .pose_error import alignment, pose_error
+from .pose_error import PoseError, alignment, pose_error
 from .traced_panoramas import exact_cameras, panorama, places
 from .world_error import world_error
 
@@ -62,13 +63,13 @@ def main(argv: list[str]) -> None:
         print(_row("film", top / "walk.mp4", exact, None, top, args), flush=True)
     if args.panoramas:
         for name, source, exact in panoramas(args.out):
-            print(_row(name, source, exact, None, source.parent, args, EQUIRECTANGULAR), flush=True)
+            summary = find_poses(source, args.out / f"{name} posed", PosesConfig(lens="EQUIRECTANGULAR"))
+            print("\n".join(summary.lines()))
+            print(_found(name, summary, pose_error(exact, _cameras(args.out / f"{name} posed"))), flush=True)
 
 
-def _row(
-    name: str, source: Path, exact: dict[str, Camera], data: Path | None, top: Path, args, lens: str | None = None
-) -> str:
-    summary = find_poses(source, top / "posed", PosesConfig(lens=lens))
+def _row(name: str, source: Path, exact: dict[str, Camera], data: Path | None, top: Path, args) -> str:
+    summary = find_poses(source, top / "posed", PosesConfig())
     found = _cameras(top / "posed")
     error = pose_error(exact, found)
     if data is None:  # whose up is known
@@ -81,10 +82,13 @@ def _row(
         config = TrainConfig(data=str(path), steps=args.steps, downscale=args.downscale)
         psnr[which] = train(config, top / f"run_{which}")["test"]["psnr"]
     print("\n".join(summary.lines()))
+    return f"{_found(name, summary, error)}; PSNR given {psnr['given']:.2f} dB, found {psnr['found']:.2f} dB"
+
+
+def _found(name: str, summary: Summary, error: PoseError) -> str:
     return (
         f"{name}: {summary.n_registered} of {summary.n_images}; position {error.position:.2%} (largest "
-        f"{error.largest_position:.2%}), angle {error.angle:.3f} deg, focal {error.focal:.4f}; PSNR given "
-        f"{psnr['given']:.2f} dB, found {psnr['found']:.2f} dB"
+        f"{error.largest_position:.2%}), angle {error.angle:.3f} deg, focal {error.focal:.4f}"
     )
 
 
@@ -120,9 +124,8 @@ def film_scene(path: Path) -> dict[str, Camera]:
 
 def panoramas(top: Path) -> Iterator[tuple[str, Path, dict[str, Camera]]]:
     """(name, folder or video, exact cameras of its views) of panoramas of a room, half of which is empty."""
-    scene, folder, video = textured_room(), top / "panoramas" / "pictures", top / "panorama video" / "walk.mp4"
-    for made in (folder, video.parent):
-        made.mkdir(parents=True, exist_ok=True)
+    scene, folder, video = textured_room(), top / "panoramas", top / "walk360.mp4"
+    folder.mkdir(parents=True, exist_ok=True)
     c2ws = places(8)
     for k, c2w in enumerate(c2ws):
         Image.fromarray(panorama(scene, c2w, PANORAMA, SPP)).save(folder / f"IMG_{k}.png")
@@ -138,23 +141,16 @@ def _frame(numbered: re.Match) -> str:
 
 
 def _exact_data(top: Path, exact: dict[str, Camera], found: dict[str, Camera]) -> Path:
-    """The images and the split of what was found, with exact cameras, and with the points that were found, moved
-    there."""
-    posed, out = top / "posed", top / "exact"
-    dataset, model = load_colmap(posed, 1), find_model(posed)
-    assert model
-    sources = read_sources(model, posed / "images")[0]
-    files = {source.name: source.image_path.relative_to(posed).as_posix() for source in sources}
-    shutil.copytree(posed / "images", out / "images", dirs_exist_ok=True)
+    """The frames that were taken, with their exact cameras, and with the points that were found, moved there."""
+    out, dataset = top / "exact", load_colmap(top / "posed", 1)
+    shutil.copytree(top / "posed" / "images", out / "images", dirs_exist_ok=True)
     write_point_ply(out / "points.ply", alignment(exact, found).points(dataset.points), dataset.point_colors)
     frames = []
     for name in sorted(found):
         pose = (exact[name].c2w @ OPENCV_FROM_OPENGL).tolist()
-        frames.append({"file_path": files[name], "transform_matrix": pose})
-    camera = next(iter(exact.values()))
-    with Image.open(out / frames[0]["file_path"]) as image:
-        assert image.size == (camera.width, camera.height)
-    split = {"test_filenames": [files[view.name] for view in dataset.test]}
-    content = intrinsics_of(camera) | {"ply_file_path": "points.ply", "frames": frames, **split}
-    (out / "transforms.json").write_text(json.dumps(content))
+        frames.append({"file_path": f"images/{name}.jpg", "transform_matrix": pose})
+    with Image.open(out / "images" / f"{sorted(found)[0]}.jpg") as image:
+        assert image.size == (WIDTH, HEIGHT)
+    camera = intrinsics_of(next(iter(exact.values())))
+    (out / "transforms.json").write_text(json.dumps(camera | {"ply_file_path": "points.ply", "frames": frames}))
     return out

@@ -37,12 +37,12 @@ def make_mesh(
     options: PictureOptions = PictureOptions(),
     show: Callable[[int, int], None] | None = None,
 ) -> Meshed:
-    """Write the surface of a model as triangles with colours, in the coordinates of the model; an OpenUSD upright and
-    in metres, as far as the model says.
+    """Write the surface of a model as triangles with colours, in the coordinates of the model; a glTF or OpenUSD
+    upright and in metres, as far as the model says.
 
     Args:
         model: the model, of any format.
-        out: the .ply, .obj or OpenUSD to write.
+        out: the .ply, .obj, glTF or OpenUSD to write.
         config: how.
         data: a data set whose training views are fused; without one cameras are placed around and inside.
         options: how pictures are drawn; what they do not say, the model's file does.

@@ -12,6 +12,7 @@ VOXEL = f"distance of the points at which the surface is looked for, world units
 REACH = "how far from the middle of the model there is a mesh, in radii of the model"
 MIN_FACES = "leave out connected parts with fewer triangles"
 CONNECTED = "keep the N connected parts with most triangles"
+FACES = "simplify the mesh to N triangles, where it has more"
 VIEWS = "views to fuse, from around the model and from within; --data has its own"
 SIZE = "width and height of these views, in pixels"
 INSIDE = "share of these views that is from free places within the model; 1 for a room"
@@ -25,6 +26,7 @@ class MeshConfig:
     reach: Annotated[float, Setting(REACH, "X", least=1e-3, most=100)] = 2.0
     min_faces: Annotated[int, Setting(MIN_FACES, least=1)] = 100
     connected: Annotated[int | None, Setting(CONNECTED, least=1)] = None
+    faces: Annotated[int | None, Setting(FACES, least=4)] = None
     views: Annotated[int, Setting(VIEWS, least=1)] = 96
     size: Annotated[tuple[int, int], Setting(SIZE, "W H")] = (640, 480)
     inside: Annotated[float, Setting(INSIDE, least=0, most=1)] = 0.5

@@ -1,7 +1,7 @@
-"""Meshes as files that Blender, Mitsuba and everything else reads: PLY and Wavefront OBJ, with colours of vertices.
+"""Meshes as files that Blender, Mitsuba and everything else reads, with colours of vertices.
 
-In PLY and OBJ they are in the coordinates of the model. OpenUSD has y up and is in metres, as the OpenUSD of the model:
-so both lie on each other in one stage.
+In PLY and Wavefront OBJ they are in the coordinates of the model. glTF and OpenUSD have y up and are in metres, as the
+model has it in these formats: so both lie on each other in one scene.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.packing import RUB
+from ..formats.gltf_author import INDICES, Accessors
+from ..formats.packing import LUF, RUB
 from ..formats.placed import placing
 from ..formats.usd_author import ROOT, author, new_stage, place, write_stage
 from ..formats.usd_files import NAMES, require_package
@@ -25,6 +26,7 @@ from ..support.files import write_bytes
 from ..support.srgb import srgb_to_linear
 from .mesh import Mesh
 
+UNLIT = "KHR_materials_unlit"
 Writer = Callable[[Path, Mesh, Drawing], None]
 """writes a mesh of a model of which that is said"""
 
@@ -68,6 +70,22 @@ def write_obj(path: Path, mesh: Mesh, _: Drawing) -> None:
     write_bytes(path, ("\n".join(lines) + "\n").encode())
 
 
+def write_gltf(path: Path, mesh: Mesh, drawing: Drawing) -> None:
+    """glTF 2.0, .glb or .gltf, with linear colours, which are those of its surface under the light of the photographs:
+    so no other light falls on it (``KHR_materials_unlit``). Both of its sides are seen."""
+    accessors = Accessors()
+    points = (mesh.vertices * np.array(LUF[0])).astype(np.float32)  # half a turn: corners keep their order
+    attributes = {"POSITION": accessors.add(points, bounds=True)}
+    if mesh.colors is not None:
+        attributes["COLOR_0"] = accessors.add(srgb_to_linear(mesh.colors).astype(np.float32))
+    indices = accessors.add(mesh.faces.astype(np.uint32).reshape(-1, 1), INDICES)
+    dull = {"metallicFactor": 0, "roughnessFactor": 1}  # in programs that light it all the same
+    material = {"pbrMetallicRoughness": dull, "doubleSided": True, "extensions": {UNLIT: {}}}
+    primitive = {"attributes": attributes, "indices": indices, "material": 0}
+    binary = path.suffix.lower() == ".glb"
+    write_bytes(path, accessors.file(primitive, placing(drawing, LUF), [UNLIT], binary, materials=[material]))
+
+
 def write_usd(path: Path, mesh: Mesh, drawing: Drawing) -> None:
     """A prim ``Mesh`` with linear colours, as OpenUSD takes them to be; no subdivision."""
     from pxr import UsdGeom
@@ -87,4 +105,5 @@ def write_usd(path: Path, mesh: Mesh, drawing: Drawing) -> None:
     write_stage(path, stage)
 
 
-WRITERS: dict[str, Writer] = {".ply": write_ply, ".obj": write_obj, **dict.fromkeys(NAMES, write_usd)}
+WRITERS: dict[str, Writer] = {".ply": write_ply, ".obj": write_obj, **dict.fromkeys((".glb", ".gltf"), write_gltf),
+                             **dict.fromkeys(NAMES, write_usd)}  # fmt: skip

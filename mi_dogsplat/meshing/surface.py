@@ -1,4 +1,5 @@
-"""The surface that cameras see of a model: views, blocks, distances, triangles, colours, one after the other."""
+"""The surface that cameras see of a model: views, blocks, distances, triangles, colours, fewer triangles, one after the
+other."""
 
 from __future__ import annotations
 
@@ -19,6 +20,7 @@ from .marching import zero_surface
 from .mesh import Mesh
 from .mesh_config import MeshConfig
 from .seen_blocks import TRUNCATION, seen_blocks
+from .simplification import simplified
 from .surface_views import SurfaceViews
 from .vertex_colors import vertex_colors
 
@@ -39,7 +41,7 @@ def surface_of(
     Args:
         cameras: V >= 1 of them.
         drawn: how the model is drawn.
-        config: its ``voxel``, ``reach``, ``min_faces`` and ``connected``.
+        config: its ``voxel``, ``reach``, ``min_faces``, ``connected`` and ``faces``.
         show: as in ``make_mesh``.
 
     Raises ``DataError`` where there would be too many voxels, or no part that is large enough.
@@ -63,7 +65,8 @@ def surface_of(
         most = counted(int(np.bincount(mesh.parts()).max()), "triangle")
         problem = f"{config.min_faces} is too many: no part has more than {most}"
         refuse("min_faces", problem, "use fewer, or a smaller --voxel")
-    return replace(kept, colors=vertex_colors(kept.vertices, views, TRUNCATION * voxel, tell)), voxel
+    kept = replace(kept, colors=vertex_colors(kept.vertices, views, TRUNCATION * voxel, tell))
+    return kept if config.faces is None else simplified(kept, config.faces), voxel
 
 
 def voxel_of(config: MeshConfig, centre: Array, radius: float) -> float:

@@ -71,6 +71,19 @@ def test_a_ball_is_a_ball_with_its_colours(model, tmp_path, capsys):
     assert said.splitlines()[-1] == f"{out}: {n:,} triangles from 12 views; a voxel is 0.04"
 
 
+def test_a_ball_of_few_triangles_is_that_ball(model, tmp_path, capsys):
+    out, off = tmp_path / "surface.obj", []
+    for flags in ((), ("--faces", "300")):
+        meshed(capsys, model, out, "--voxel", "0.06", *flags)
+        positions, colors = vertices_of(out)
+        off.append(abs(np.linalg.norm(positions - CENTRE, axis=1) - RADIUS).max())
+    assert sum(line.startswith("f ") for line in out.read_text().splitlines()) <= 300
+    assert off[1] < off[0] + 0.02
+    z = positions[:, 2] - CENTRE[2]
+    np.testing.assert_allclose(colors[z > 0.2].mean(axis=0), [1, 0.1, 0], atol=0.05)
+    np.testing.assert_allclose(colors[z < -0.2].mean(axis=0), [0, 0.2, 1], atol=0.05)
+
+
 def test_the_voxel_follows_the_size_of_the_model(model, tmp_path, capsys):
     said = meshed(capsys, model, tmp_path / "surface.ply")
     assert said.endswith(f"a voxel is {robust_sphere(ball())[1] / 128:.4g}\n")
@@ -123,7 +136,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(model, tmp_path, capsys):
     faint = tmp_path / "faint.ply"
     write_ply(faint, rounded(make_splats(np.random.default_rng(0).normal(size=(50, 3)), 0.1, 0.02)))
     cases = {
-        "no known mesh format; name a file that ends in .ply, .obj, .usd": [model, "-o", tmp_path / "o.stl"],
+        "no known mesh format; name a file that ends in .ply, .obj, .glb": [model, "-o", tmp_path / "o.stl"],
         "--voxel: 1e-08 is too small: positions": [model, "-o", tmp_path / "o.ply", "--voxel", "1e-8"],
         "hides half of what is behind it": [faint, "-o", tmp_path / "o.ply"],
         "--voxel: 1e-05 is too small for a model that reaches": [

@@ -1,4 +1,4 @@
-"""Files of meshes, read back by Mitsuba, by the library of OpenUSD and by hand."""
+"""Files of meshes, read back by Mitsuba, by the library of OpenUSD, by the reader of glTF and by hand."""
 
 # pyright: reportAttributeAccessIssue=false
 # (the library of OpenUSD has no types)
@@ -6,13 +6,17 @@
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat.formats.gltf_container import Container, matrix_of
+from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.usd_files import NAMES
+from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.meshing.mesh import Mesh
 from mi_dogsplat.meshing.mesh_files import writer_of
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import linear_to_srgb
 from pxr import Usd, UsdGeom, UsdValidation
+from splat_scenes import make_splats, rounded
 
 VERTICES = np.array([[0, 0, 0], [1.5, 0, 0], [0, 2.25, 0], [0, 0, -1e-3]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -46,7 +50,7 @@ def test_an_obj_has_colours_behind_its_positions(tmp_path):
 
 
 def test_another_name_is_one_line(tmp_path):
-    with pytest.raises(DataError, match=r"mesh.stl: no known mesh format; name a file that ends in .ply, .obj, .usd"):
+    with pytest.raises(DataError, match=r"mesh.stl: no known mesh format; name a file that ends in .ply, .obj, .glb"):
         writer_of(tmp_path / "mesh.stl")
 
 
@@ -58,6 +62,38 @@ def test_positions_are_as_exact_as_float32_has_them(suffix, tmp_path):
     params = mi.traverse(mi.load_dict({"type": suffix[1:], "filename": str(path)}))
     positions = np.array(params["vertex_positions"]).reshape(-1, 3)[np.array(params["faces"])]
     np.testing.assert_array_equal(positions, vertices)
+
+
+def read_gltf(path) -> tuple[Container, dict, dict[str, np.ndarray], np.ndarray]:
+    """(file, its one primitive, attributes, positions [N, 3] in its scene)."""
+    file = Container.open(path)
+    (node,), (mesh,) = file.content["nodes"], file.content["meshes"]
+    (primitive,) = mesh["primitives"]
+    found = {name: file.accessor(number) for name, number in primitive["attributes"].items()}
+    points = np.concatenate([found["POSITION"], np.ones((len(found["POSITION"]), 1))], axis=1) @ matrix_of(node).T
+    return file, primitive, found, points[:, :3]
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf", ".GLB"])
+@pytest.mark.parametrize("colors", [COLORS, None])
+def test_gltf_has_it_upright_and_in_metres(suffix, colors, tmp_path):
+    """As OpenUSD, below, and where the glTF of the model is. No light of the scene falls on its colours."""
+    path, drawing = tmp_path / f"mesh{suffix}", Drawing(up="z", scale=2.0)
+    writer_of(path)(path, Mesh(VERTICES, FACES, colors), drawing)
+    file, primitive, found, points = read_gltf(path)
+    write_model(tmp_path / "splats.glb", Model(rounded(make_splats(VERTICES, 0.1, 0.5, np.eye(4)[:, :3])), drawing))
+    np.testing.assert_allclose(points, read_gltf(tmp_path / "splats.glb")[3], atol=1e-6)
+    x, y, z = VERTICES.T
+    np.testing.assert_allclose(points, 2 * np.stack([-x, z, y], axis=1), atol=1e-6)  # z is ahead in glTF
+    (material,) = file.content["materials"]
+    assert file.accessor(primitive["indices"]).reshape(-1, 3).tolist() == FACES.tolist()
+    assert primitive.get("mode", 4) == 4 and material["doubleSided"]  # triangles
+    assert [*material["extensions"]] == file.content["extensionsUsed"] == ["KHR_materials_unlit"]
+    bounds = file.content["accessors"][primitive["attributes"]["POSITION"]]
+    np.testing.assert_array_equal([bounds["min"], bounds["max"]], [f(found["POSITION"], 0) for f in (np.min, np.max)])
+    assert ("COLOR_0" in found) == (colors is not None)
+    if colors is not None:
+        np.testing.assert_allclose(linear_to_srgb(found["COLOR_0"]), COLORS, atol=1e-6)
 
 
 @pytest.mark.parametrize("suffix", NAMES)

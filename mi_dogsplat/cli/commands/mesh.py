@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ...formats.usd_files import NAMES
+from ...formats.usd_files import NAMES as USD_NAMES
 from ...meshing.mesh_config import MeshConfig
 from ...render.picture_options import NEAR, PictureOptions
 from ...support.variants import set_variant
@@ -13,18 +13,20 @@ from ...support.wording import counted
 from ...training.config import TrainConfig
 from ..flags import MODEL_HELP, add_settings, given_settings
 
+NAMES = (".ply", ".obj", ".glb", ".gltf", *USD_NAMES)
 SUMMARY = "the surface of a model as triangles"
 EXAMPLES = """
 Examples:
   dogsplat mesh model.ply -o surface.ply                      from views around the model, and from within
   dogsplat mesh model.ply -o surface.ply --data photos/       from the views of its training
   dogsplat mesh model.ply -o surface.obj --voxel 0.02 --connected 1
-  dogsplat mesh model.ply -o surface.usdz                     upright and in metres, as far as the model says
                                                               its largest part, finer or coarser
+  dogsplat mesh model.ply -o surface.glb --faces 20000        few triangles, upright and in metres, as far as
+                                                              the model says
 
 For what splats cannot do themselves: a ball that rolls over them, a shadow that falls on them in another
 renderer. Depth pictures of the model are fused to a signed distance, and marching cubes make triangles of it.
-The mesh lies in the coordinates of the model, and has the colours of its vertices.
+The mesh lies in the coordinates of the model (glTF, OpenUSD: upright and in metres), and its vertices have colours.
 """
 
 OF_FILE = "(default: as the file says; without --data a hundredth of the radius of the model, if that is less)"
@@ -33,7 +35,7 @@ OF_FILE = "(default: as the file says; without --data a hundredth of the radius 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join((".ply", ".obj", *NAMES)))
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join(NAMES))
     add_settings(parser, MeshConfig)
     parser.add_argument("--data", metavar="DATA", help="data set whose training views are fused")
     add_settings(parser, PictureOptions, ["downscale", "antialiased", "near_clip"], {"near_clip": f"{NEAR} {OF_FILE}"})

@@ -1,0 +1,68 @@
+"""Written glTF: arrays as accessors of one buffer, and a scene of one primitive."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..scene.splats import Array
+from .gltf_container import glb, gltf
+
+COMPONENTS = {"float32": 5126, "uint8": 5121, "uint32": 5125}
+KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+ATTRIBUTES, INDICES = 34962, 34963  # what a view of the buffer is for
+BYTES = np.dtype(np.uint8)  # colours, whose 255 is 1
+
+
+class Accessors:
+    """Arrays of a file, one behind the other in its buffer. Rows have 4 bytes or a multiple: all are aligned."""
+
+    def __init__(self) -> None:
+        self.accessors: list[dict[str, Any]] = []
+        self._views: list[dict[str, Any]] = []
+        self._parts: list[bytes] = []
+        self._at = 0
+
+    def add(self, values: Array, target: int = ATTRIBUTES, bounds: bool = False) -> int:
+        """The number of the accessor of values [N, components], float32, uint8 or uint32; ``bounds``: with their
+        least and largest, as glTF asks for of positions."""
+        raw = values.tobytes()
+        self._views.append({"buffer": 0, "byteOffset": self._at, "byteLength": len(raw), "target": target})
+        accessor: dict[str, Any] = {"bufferView": len(self.accessors), "componentType": COMPONENTS[values.dtype.name]}
+        accessor |= {"count": len(values), "type": KINDS[values.shape[1]]}
+        if values.dtype == BYTES:
+            accessor["normalized"] = True
+        if bounds:
+            accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        self.accessors.append(accessor)
+        self._parts.append(raw)
+        self._at += len(raw)
+        return len(self.accessors) - 1
+
+    def file(self, primitive: dict[str, Any], matrix: Array, used: list[str], binary: bool, **more: Any) -> bytes:
+        """The bytes of a file with one primitive.
+
+        Args:
+            primitive: as glTF has it.
+            matrix: [4, 4] of its node.
+            used: names of extensions.
+            binary: .glb, else .gltf.
+            more: what else stands in the JSON, such as ``materials``.
+        """
+        node: dict[str, Any] = {"mesh": 0}
+        if not np.array_equal(matrix, np.eye(4)):
+            node["matrix"] = matrix.T.ravel().tolist()
+        content = {
+            "asset": {"version": "2.0", "generator": "mi_dogsplat"},
+            "extensionsUsed": used,
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [node],
+            "meshes": [{"primitives": [primitive]}],
+            **more,
+            "accessors": self.accessors,
+            "bufferViews": self._views,
+            "buffers": [{"byteLength": self._at}],
+        }
+        return (glb if binary else gltf)(content, b"".join(self._parts))

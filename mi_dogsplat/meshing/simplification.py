@@ -1,0 +1,106 @@
+"""Fewer triangles for the same surface: edges collapse where that moves it least (Garland and Heckbert 1997).
+
+The library fast-simplification does that. Of itself it lets open surfaces shrink from their border, because no plane
+says where that is. So a fence stands on the border meanwhile, as Garland and Heckbert have it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..scene.splats import Array
+from .mesh import Mesh
+
+
+def simplified(mesh: Mesh, most: int) -> Mesh:
+    """The mesh with at most ``most`` triangles, or with as few as the library finds where that is more.
+
+    A vertex has the mean colour of those that became one in it. Two triangles that came to lie on each other are one.
+    """
+    if len(mesh.faces) <= most:
+        return mesh
+    centre = mesh.vertices.mean(axis=0, dtype=np.float64)  # far from the origin quadrics lose their digits
+    fenced = _Fenced.of(mesh.vertices - centre, mesh.faces)
+    target = most + int(fenced.is_fence.sum())  # of all triangles: as if the fence kept all of its own
+    while fenced.n_surface > most:
+        fewer = fenced.collapsed(target)
+        if len(fewer.faces) == len(fenced.faces):
+            break
+        fenced, target = fewer, len(fewer.faces) - (fewer.n_surface - most)
+    found = Mesh(fenced.points + centre, fenced.faces[~fenced.is_fence])
+    colors = None if mesh.colors is None else _means(mesh.colors, fenced.became, len(found.vertices))
+    vertices = found.vertices.astype(mesh.vertices.dtype)
+    return Mesh(vertices, found.faces, colors).with_faces(_distinct(found.faces))
+
+
+@dataclass(frozen=True)
+class _Fenced:
+    """A surface with a fence on its border."""
+
+    points: Array
+    """[P, 3]"""
+    faces: Array
+    """[F, 3] int32"""
+    is_top: Array
+    """[P] bool, whether it is a point at the top of the fence"""
+    became: Array
+    """[V] in which point each vertex of the mesh is"""
+
+    @classmethod
+    def of(cls, points: Array, faces: Array) -> _Fenced:
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        n = len(points)
+        codes, back = edges @ (n, 1), edges[:, ::-1] @ (n, 1)
+        border = np.flatnonzero(~np.isin(codes, back))
+        a, b = edges[border].T
+        at, place = np.unique(np.concatenate([a, b]), return_inverse=True)  # points on the border
+        corners = points[faces[border % len(faces)]]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        up = np.zeros((len(at), 3))
+        np.add.at(up, place, np.concatenate([normals, normals]))
+        lengths = np.linalg.norm(up, axis=1, keepdims=True)
+        height = np.linalg.norm(points[b] - points[a], axis=1).mean() if len(border) else 0.0
+        tops = points[at] + height * up / np.where(lengths > 0, lengths, 1)
+        top_a, top_b = n + place.reshape(2, -1)
+        fence = np.stack([np.stack([b, a, top_a], 1), np.stack([b, top_a, top_b], 1)]).reshape(-1, 3)
+        is_top = np.arange(n + len(at)) >= n
+        every = np.concatenate([faces, fence]).astype(np.int32)
+        return cls(np.concatenate([points, tops]), every, is_top, np.arange(n))
+
+    @property
+    def is_fence(self) -> Array:
+        """[F] bool."""
+        return np.any(self.is_top[self.faces], axis=1)
+
+    @property
+    def n_surface(self) -> int:
+        """How many triangles are no fence."""
+        return int((~self.is_fence).sum())
+
+    def collapsed(self, target: int) -> _Fenced:
+        """With ``target`` triangles, or more."""
+        import fast_simplification
+
+        how = {"target_count": target, "return_collapses": True}
+        *_, collapses = fast_simplification.simplify(self.points, self.faces, **how)
+        points, faces, became = fast_simplification.replay_simplification(self.points, self.faces, collapses)
+        is_top = np.zeros(len(points), bool)
+        is_top[became[self.is_top]] = True
+        return _Fenced(points, faces.astype(np.int32), is_top, became[self.became])
+
+
+def _distinct(faces: Array) -> Array:
+    """[F] bool: one of each set of three different corners."""
+    corners = np.sort(faces, axis=1)
+    first = np.zeros(len(faces), bool)
+    first[np.unique(corners, axis=0, return_index=True)[1]] = True
+    return np.logical_and(first, (corners[:, :-1] != corners[:, 1:]).all(axis=1))
+
+
+def _means(values: Array, group: Array, n: int) -> Array:
+    """[n, C] means of the rows [V, C] of each group [V]."""
+    counts = np.bincount(group, minlength=n)
+    sums = np.stack([np.bincount(group, column, n) for column in values.T], axis=1)
+    return sums / np.maximum(counts, 1)[:, None]
