@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import bpy
 from bpy.app.handlers import persistent
-from bpy.props import BoolProperty, FloatProperty
+from bpy.props import BoolProperty, FloatProperty, IntProperty
 
 from ..evaluated.edited import later_notes
 from ..files.errors import told
@@ -54,6 +54,9 @@ class DOGSPLAT_OT_surface_mesh(bpy.types.Operator):
         precision=4,
         description="How fine the mesh is, in units of the object, as for Blender's Remesh; 0 is automatic",
     )
+    triangles: IntProperty(
+        name="Most Triangles", default=0, min=0, description="Simplify the mesh to so many; 0 keeps all of them"
+    )
     largest: BoolProperty(name="Largest Part Only", description="Leave out all that does not hang together with it")
     room: BoolProperty(name="For a Room", description="Look at the splats from within alone, not from around them")
     body: BoolProperty(
@@ -99,6 +102,7 @@ class DOGSPLAT_OT_surface_mesh(bpy.types.Operator):
     def flags(self) -> list[str]:
         """What ``dogsplat mesh`` is called with."""
         flags = ["--voxel", f"{self.voxel:.9g}"] if self.voxel else []
+        flags += ["--faces", str(self.triangles)] if self.triangles else []
         flags += ["--connected", "1"] if self.largest else []
         return flags + (["--inside", "1"] if self.room else [])
 

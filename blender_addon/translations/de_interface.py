@@ -228,6 +228,8 @@ REST = {
     "How fine the mesh is, in units of the object, as for Blender's Remesh; 0 is automatic": (
         "Wie fein das Mesh ist, in Einheiten des Objekts, wie bei Blenders Remesh; 0 ist automatisch"
     ),
+    "Most Triangles": "Höchstens Dreiecke",
+    "Simplify the mesh to so many; 0 keeps all of them": "Das Mesh auf so viele vereinfachen; 0 behält alle",
     "Largest Part Only": "Nur der größte Teil",
     "Leave out all that does not hang together with it": "Alles weglassen, was nicht mit ihm zusammenhängt",
     "For a Room": "Für einen Raum",
