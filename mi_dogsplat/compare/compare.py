@@ -88,7 +88,8 @@ def compare(
         for folder, path, names in zip(folders, data, views, strict=True):
             claim(folder, replace(config, data=str(Path(path).resolve()), masks=masks))
             _claim_views(folder, names)
-        tasks = [task for task in all_tasks(folders, seeds, methods, targets) if not task.done]
+        whole = [int(seed) for seed in seeds]  # those of NumPy are in no JSON
+        tasks = [task for task in all_tasks(folders, whole, methods, targets) if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
         threads = max(1, usable_cores() // workers) if workers and not cluster else 0

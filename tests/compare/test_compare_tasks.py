@@ -122,6 +122,20 @@ def test_runs_at_other_targets_are_measured_with_all_others(tmp_path, monkeypatc
     assert lpips.done
 
 
+def test_seeds_of_numpy_are_whole_numbers(data, tmp_path, monkeypatch):
+    """As ``np.arange`` has them, which no JSON holds."""
+    seen = []
+
+    def nothing(tasks, means):
+        seen.extend(tasks)
+        yield from ()
+
+    monkeypatch.setattr("mi_dogsplat.compare.compare.one_after_another", nothing)
+    seeds: Any = np.arange(2)
+    compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", seeds, ("3dgs",))
+    assert {json.dumps(task.seed) for task in seen} == {"0", "1"}
+
+
 def test_two_comparisons_do_not_write_to_one_folder(data, tmp_path):
     (tmp_path / "out").mkdir()
     with locked(tmp_path / "out", "taken"), pytest.raises(DataError, match="another comparison is writing"):
