@@ -18,6 +18,7 @@ LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FUL
 FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")  # bend rays even without DISTORTIONS
 OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular")  # of instant-ngp, each told by a key of its own
 DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+LISTED = "distortion_params"  # nerfstudio's, a list of such
 MITSUBA = "normal_mts_args"  # by it instant-ngp knows Mitsuba's axes: x left, y up, z forward
 OPENGL_FROM_MITSUBA = np.diag([-1.0, 1.0, -1.0, 1.0])
 FOCALS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}
@@ -54,7 +55,7 @@ def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Pat
         problem, known = '"{name}" has the lens {lens}, which is none of {known}', ", ".join(LENSES + FISHEYES)
         raise FileError(path, problem, "undistort the images first", name=name, lens=lens, known=known)
     fisheye = bool(frame.get("is_fisheye")) or lens in FISHEYES
-    bent = fisheye or any(float(frame.get(key, 0)) for key in DISTORTIONS)
+    bent = fisheye or any(map(float, (*(frame.get(key, 0) for key in DISTORTIONS), *frame.get(LISTED, ()))))
     image = path.parent / name.replace("\\", "/")
     image = next((f for e in EXTENSIONS if (f := image.with_name(image.name + e)).is_file()), image)
     width, height = (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else size_of(image)

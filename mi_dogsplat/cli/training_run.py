@@ -17,6 +17,7 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     """Fill the run folder ``out`` while a bar shows how far it is, then print what came of it. Raises ``DataError``."""
     set_variant(config.variant)
     from ..report.run_folder import REPORT
+    from ..runs.learned_views import learned_from
     from ..runs.run import train
 
     _say_what_is_known_before(config)
@@ -24,6 +25,8 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
         metrics = train(config, out, show, resume)
     split = f"{config.split} views:" if metrics["test"] else f"training views (no {config.split} view is measured):"
     say(split + " " + metrics_line(metrics["test"] or metrics["train"]))
+    for line in learned_from(config.model, config.data, metrics["views"]) if config.model is not None else ():
+        say(printable(line))
     size, time = file_size(metrics["bytes"]), duration(metrics["train_seconds"])
     say(f"{counted(metrics['n'], 'primitive')}, {size}, {time} of training; {out / REPORT}")
 

@@ -1,5 +1,6 @@
 """A comparison: data sets x seeds x methods, and the tables and the page that tell how it went.
 
+    DIR/DATA/views.json           names of the views that all runs of a data set are on
     DIR/DATA/seed_K/start.npz     the shared start: the 3DGS recipe up to the end of its densification
     DIR/DATA/seed_K/start/        its run folder, with its history
     DIR/DATA/seed_K/METHOD/       a run folder like any other; METHOD.log beside it says why a run has failed
@@ -24,13 +25,13 @@ from ..datasets.masks import Masks
 from ..report.run_folder import CONFIG
 from ..support.cores import usable_cores
 from ..support.errors import DataError, making
-from ..support.files import is_empty, remove_parts, replacing, write_json
+from ..support.files import is_empty, read_object, remove_parts, replacing, write_json
 from ..support.locks import locked
 from ..support.wording import counted
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
 from .execute import Means, one_after_another
-from .folders import settings_in
+from .folders import REMEDY, VIEWS, settings_in
 from .methods import METHODS
 from .numbers import numbers
 from .page import comparison_page
@@ -70,21 +71,25 @@ def compare(
     out = Path(out)
     folders = [out / name for name in _names(data)]
     _check_folder(out)
+    views = []
     for path in data:
         dataset = load_dataset(path, config.downscale, split=config.split)
         if not dataset.test:
             raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
         if config.masks:
             Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
+        views.append({part: [view.name for view in getattr(dataset, part)] for part in ("train", "test")})
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         if not (out / COMPARISON).exists():
             write_json(out / COMPARISON, {})  # by which the folder is known
         # whole paths: another call, and a worker of a cluster, may have another working folder
         masks = None if config.masks is None else str(Path(config.masks).resolve())
-        for folder, path in zip(folders, data, strict=True):
+        for folder, path, names in zip(folders, data, views, strict=True):
             claim(folder, replace(config, data=str(Path(path).resolve()), masks=masks))
-        tasks = [task for task in all_tasks(folders, seeds, methods, targets) if not task.done]
+            _claim_views(folder, names)
+        whole = [int(seed) for seed in seeds]  # those of NumPy are in no JSON
+        tasks = [task for task in all_tasks(folders, whole, methods, targets) if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
         threads = max(1, usable_cores() // workers) if workers and not cluster else 0
@@ -161,11 +166,23 @@ def claim(out: Path, config: TrainConfig) -> None:
     earlier = {field.name: field.default for field in dataclasses.fields(TrainConfig) if field.name in settings}
     known = earlier | settings_in(out) if path.exists() else settings
     if known != settings and not (known | {"target": settings["target"]} == settings and _has_starts_alone(out)):
-        raise DataError(out, "holds runs with other settings", "name another folder")
+        name = next(name for name in settings | known if known.get(name) != settings.get(name))
+        problem = f"holds runs with other settings: {name} was {known.get(name)} and is {settings.get(name)} now"
+        raise DataError(out, problem, "name another folder")
     if not path.exists() and out.is_dir() and not is_empty(out):
         raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")
     out.mkdir(parents=True, exist_ok=True)
     write_json(path, settings)
+
+
+def _claim_views(out: Path, names: dict[str, list[str]]) -> None:
+    """Keep the ``names`` of the views that runs in the folder are on. Raises ``DataError`` if they were others before:
+    no table is of both."""
+    path = out / VIEWS
+    if path.exists() and read_object(path, REMEDY) != names:
+        problem = "holds runs on other views: since then images were added or removed, or the split has changed"
+        raise DataError(out, problem, "name another folder")
+    write_json(path, names)
 
 
 def _has_starts_alone(out: Path) -> bool:

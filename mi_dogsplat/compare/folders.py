@@ -8,6 +8,7 @@ from typing import Any
 from ..report.run_folder import CONFIG
 from ..support.files import read_object
 
+VIEWS = "views.json"  # in the folder of a data set: the names of those that are trained on and measured
 REMEDY = "restore or delete it, then compare again"  # of a file in a run folder: what is missing is made anew
 
 

@@ -21,6 +21,7 @@ OTHER_LENSES = ("ftheta_p0", "latlong", "equirectangular")  # of instant-ngp, ea
 UNDISTORT = "undistort the images first (for instance with COLMAP's image_undistorter)"
 MITSUBA = "normal_mts_args"  # by it instant-ngp knows the axes of Mitsuba's cameras
 OPENGL_FROM_MITSUBA = np.diag([-1.0, 1.0, -1.0, 1.0])
+LISTED, IN_LIST = "distortion_params", ("k1", "k2", "k3", "k4", "p1", "p2")  # nerfstudio's, in one list
 FOCALS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}
 INTRINSICS = {"w": "width", "h": "height", "fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy"}
 
@@ -66,6 +67,10 @@ def lens_of(file: Path, frame: dict[str, Any]) -> Lens:
 
     Raises ``DataError`` or ``ValueError``.
     """
+    if LISTED in frame:
+        if not isinstance(listed := frame[LISTED], list) or len(listed) != len(IN_LIST):
+            raise ValueError(f'"{LISTED}" is {in_json(listed)}, no list of {", ".join(IN_LIST)}')
+        frame = {**frame, **dict(zip(IN_LIST, listed, strict=True))}
     model = next((key for key in OTHER_LENSES if frame.get(key, False) is not False), None)
     model = model or frame.get("camera_model", "PINHOLE")
     if not isinstance(model, str):

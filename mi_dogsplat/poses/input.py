@@ -22,6 +22,7 @@ RAW = (
     ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".rwl", ".srw", ".pef",
     ".3fr", ".fff", ".iiq", ".x3f", ".gpr", ".mrw", ".erf", ".dcr", ".kdc",
 )  # fmt: skip
+PHOTOGRAPHS = (*SUFFIXES, *PHONES, *RAW)
 MASKS = "masks"  # the name of their folder
 FEWEST = 2
 OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
@@ -37,9 +38,9 @@ def needs_poses(path: str | Path) -> bool:
     path = Path(path)
     if not path.is_dir():
         return is_video(path)
-    if find_model(path) or find_transforms(path) or numbered_models(path):
+    if _has_cameras(path):
         return False
-    return _is_result(path) or bool(_files(path, (*SUFFIXES, *PHONES, *RAW)))  # of a result ``require_input`` tells
+    return _is_result(path) or bool(_files(path, PHOTOGRAPHS))  # of a result ``require_input`` tells
 
 
 def find_photographs(folder: Path, out: Path, masks: Path | None = None) -> dict[str, Path]:
@@ -80,8 +81,7 @@ def _beside(folder: Path) -> list[Path]:
     """Images that lie in a folder itself, beside the one called ``images``, of which those are taken."""
     if not (folder / "images").is_dir():
         return []
-    suffixes = (*SUFFIXES, *PHONES, *RAW)
-    return sorted(p for p in folder.iterdir() if p.suffix.lower() in suffixes and p.name[0] != "." and p.is_file())
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in PHOTOGRAPHS and p.name[0] != "." and p.is_file())
 
 
 def mask_folder(source: Path, given: str | None) -> Path | None:
@@ -99,7 +99,7 @@ def require_input(path: Path) -> None:
     """Raise ``DataError`` for what is neither a folder of photographs nor a video.
 
     Such is a run: its pictures are renders. And so is a folder in which poses are still looked for, as not all
-    photographs may have been copied into it.
+    photographs may have been copied into it, and one all of whose photographs lie in data sets.
     """
     if not path.exists():
         raise DataError(path, "no such file or folder", "check the path")
@@ -109,10 +109,29 @@ def require_input(path: Path) -> None:
                 problem = "has no poses yet: the search for them was stopped, or found none"
                 raise DataError(path, problem, "give the photographs that it was begun with, or what has poses")
             refuse_run(path)
+        if not _has_cameras(path) and (inner := _data_sets_in(path)):
+            problem = "has no cameras itself, and all of its images lie in folders that have some"
+            raise DataError(path, problem, f"give {'one of these, such as ' * (len(inner) > 1)}{inner[0]}")
         return
     if not is_video(path):
         one = "a single image" if path.suffix.lower() in SUFFIXES else "neither a folder of images nor a video"
         raise DataError(path, f"is {one}", f"give a folder of images, or a video ({', '.join(VIDEOS[:5])})")
+
+
+def _has_cameras(folder: Path) -> bool:
+    """Whether a reader of data sets would find some, or name the model that has them."""
+    return bool(find_model(folder) or find_transforms(folder) or numbered_models(folder))
+
+
+def _data_sets_in(top: Path) -> list[Path]:
+    """The data sets below a folder, sorted; none where any photograph lies outside of them."""
+    inner = set()
+    for folder in {file.parent for file in _files(top, PHOTOGRAPHS)}:
+        below = [folder, *folder.parents][: len(folder.relative_to(top).parts)]
+        if not (found := next(filter(_has_cameras, below), None)):
+            return []
+        inner.add(found)
+    return sorted(inner)
 
 
 def _files(top: Path, suffixes: tuple[str, ...], without: Collection[Path] = ()) -> list[Path]:

@@ -6,7 +6,8 @@ import math
 import re
 import struct
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +30,22 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """Read what ``write_arrays`` wrote. Raises ``FileNotFoundError``, or ``ValueError`` for whatever else is wrong."""
+    with _opened(path) as archive:
+        return {info.filename.removesuffix(".npy"): _read_array(archive, info) for info in archive.infolist()}
+
+
+def read_array(path: Path, name: str) -> np.ndarray:
+    """One of them, without the others. Raises ``KeyError`` if there is none of this name, and what ``read_arrays``
+    raises."""
+    with _opened(path) as archive:
+        return _read_array(archive, archive.getinfo(f"{name}.npy"))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
     try:
         with zipfile.ZipFile(path) as archive:
-            return {info.filename.removesuffix(".npy"): _read_array(archive, info) for info in archive.infolist()}
+            yield archive
     except FileNotFoundError:
         raise
     except (OSError, TypeError, EOFError, RuntimeError, OverflowError, struct.error, zipfile.BadZipFile) as error:

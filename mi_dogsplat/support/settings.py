@@ -59,19 +59,24 @@ def check_settings(config: object) -> None:
 
 def _typed(name: str, given: Any, hint: Any) -> Any:
     """A value as one of the types that its field may have. Raises ``DataError``."""
-    value = given.tolist() if hasattr(given, "tolist") else given  # a number or an array of NumPy
+    value = _of_python(given)
     value = os.fspath(value) if isinstance(value, os.PathLike) else value
     options = (hint,) if get_origin(hint) is tuple else get_args(hint) or (hint,)
     kinds = [kind for kind in options if kind is not type(None)]
     for kind in kinds:
         parts = get_args(kind)
         if parts and isinstance(value, (tuple, list)) and len(value) == len(parts):
-            found = [_plain(part, of) for part, of in zip(value, parts, strict=True)]
+            found = [_plain(_of_python(part), of) for part, of in zip(value, parts, strict=True)]
             if None not in found:
                 return tuple(found)
         if not parts and (found := _plain(value, kind)) is not None:
             return found
     refuse(name, f"{given!r:.80} is of another type", "use " + " or ".join(map(_words, kinds)))
+
+
+def _of_python(value: Any) -> Any:
+    """A number of Python's, or a list, where it is one of NumPy's."""
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _plain(value: Any, kind: type) -> Any:

@@ -26,6 +26,8 @@ def checked_target(target: float | str) -> float | str:
         number = 0.0
     if percent:
         number = number / 100 if number < 100 else 0.0
+    elif number == 1 and isinstance(target, str) and "." in text:
+        number = 0.0  # 1.0 means all of them, and not a single one
     if 0 < number < 1 or (number >= 1 and number.is_integer()):  # NaN is neither
         return number
     raise ValueError(f"{text} is no target")

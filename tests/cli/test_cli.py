@@ -14,6 +14,7 @@ from happenings import history_of, records
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli.parser import build_parser
 from mi_dogsplat.cli.printing import metrics_line
+from mi_dogsplat.runs.checkpoint import save_checkpoint
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.support.pictures import write_png
 from mi_dogsplat.support.wording import file_size
@@ -86,6 +87,23 @@ def test_train_says_which_views_it_measured(capsys, data, tmp_path):
     status, printed, _ = run(capsys, *command)
     assert status == 0 and "measuring 1 validation view," in printed and "\nvalidation views: PSNR" in printed
     assert "test view" not in printed
+
+
+def test_views_that_a_model_has_learned_from_are_told_where_they_are_measured(capsys, data, tmp_path, monkeypatch):
+    """By ``prune``, which measures validation views of a run that did not hold them out, and by ``eval`` of data whose
+    split has moved since."""
+    model = tmp_path / "run" / "point_cloud.ply"
+    model.parent.mkdir()
+    write_ply(model, tiny_data.truth())
+    (model.parent / "config.json").write_text(json.dumps({"data": str(data)}))
+    said = f"{model} was trained on 1 of the 1 measured views"
+    for learned, told in (("1", False), ("0", True)):
+        save_checkpoint(model.parent / "checkpoint" / "state.npz", {"views": np.array([learned, "2"])})
+        assert (said in run(capsys, "eval", model, data)[1]) is told
+    save_checkpoint(model.parent / "checkpoint" / "state.npz", {"views": np.array(["1"])})
+    metrics = {"test": {}, "train": {"psnr": 20.0}, "views": {"1": {}}, "n": 9, "bytes": 9, "train_seconds": 1.0}
+    monkeypatch.setattr("mi_dogsplat.runs.run.train", lambda *_: metrics)
+    assert said in run(capsys, "prune", model, data, "-o", tmp_path / "small", "--split", "validation")[1]
 
 
 def test_train_says_that_masks_of_frames_are_not_followed_unless_masks_are_given(capsys, tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import time
 from dataclasses import replace
@@ -121,11 +122,40 @@ def test_runs_at_other_targets_are_measured_with_all_others(tmp_path, monkeypatc
     assert lpips.done
 
 
+def test_seeds_of_numpy_are_whole_numbers(data, tmp_path, monkeypatch):
+    """As ``np.arange`` has them, which no JSON holds."""
+    seen = []
+
+    def nothing(tasks, means):
+        seen.extend(tasks)
+        yield from ()
+
+    monkeypatch.setattr("mi_dogsplat.compare.compare.one_after_another", nothing)
+    seeds: Any = np.arange(2)
+    compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", seeds, ("3dgs",))
+    assert {json.dumps(task.seed) for task in seen} == {"0", "1"}
+
+
 def test_two_comparisons_do_not_write_to_one_folder(data, tmp_path):
     (tmp_path / "out").mkdir()
     with locked(tmp_path / "out", "taken"), pytest.raises(DataError, match="another comparison is writing"):
         compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ("3dgs",))
     assert not list((tmp_path / "out").iterdir())
+
+
+def test_a_comparison_does_not_go_on_with_other_views(data, tmp_path, monkeypatch):
+    """Its table would have runs that were measured on different photographs."""
+    changed, out = tmp_path / data.name, tmp_path / "out"
+    shutil.copytree(data, changed)
+    monkeypatch.setattr("mi_dogsplat.compare.compare.one_after_another", lambda *_: (task for task in ()))
+    config = TrainConfig("", **SETTINGS)
+    for _ in range(2):
+        compare(config, [str(changed)], out, [0], ("3dgs",))
+    file = changed / "transforms.json"
+    content = json.loads(file.read_text())
+    file.write_text(json.dumps(content | {"frames": content["frames"][1:]}))
+    with pytest.raises(DataError, match="holds runs on other views: .*; name another folder"):
+        compare(config, [str(changed)], out, [0], ("3dgs",))
 
 
 def test_a_comparison_removes_what_a_kill_left_in_its_folder_but_nothing_of_a_run(data, tmp_path):

@@ -3,6 +3,7 @@
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
@@ -23,6 +24,7 @@ METRICS = {
     "views": {"0": {"psnr": 30.0}},
     **{"n": 100, "n_dog": 0, "train_seconds": 1.0, "render_ms": 2.0, "peak_memory_mb": 3.0, "bytes": 4000},
 }
+VIEW = SimpleNamespace(name="0")
 HALF = '{"psnr": 3'
 
 
@@ -54,7 +56,7 @@ def test_a_run_at_another_target_ends_where_the_method_has_no_run_at_that_of_the
     outcomes = (one for one in [outcome])  # which can be closed
     monkeypatch.setattr("mi_dogsplat.compare.compare.one_after_another", lambda *_: outcomes)
     monkeypatch.setattr("mi_dogsplat.compare.compare.claim", lambda *_: None)
-    monkeypatch.setattr("mi_dogsplat.compare.compare.load_dataset", lambda *_, **__: Mock(test=[0]))
+    monkeypatch.setattr("mi_dogsplat.compare.compare.load_dataset", lambda *_, **__: Mock(train=[], test=[VIEW]))
     compare(TrainConfig("", **SETTINGS), [str(out / "tiny")], out, [0], ("ours",), targets=(0.1,), progress=told.append)
     assert told == ["1/3 tiny, seed 0: ours@0.1: 30.00 dB, 100 primitives, 1 s"]
 

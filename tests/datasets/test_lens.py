@@ -189,6 +189,8 @@ def test_transforms_with_distortion_are_straightened(tmp_path):
     expected = undistortion(straight.camera, lens).camera
     assert (bent.camera.width, bent.camera.cx) == (expected.width, expected.cx)
     assert bent.camera.width > straight.camera.width
+    listed = load_dataset(transforms_folder(tmp_path, distortion_params=[-0.4, 0.1, 0, 0, 0.001, 0.002])).train[0]
+    assert (listed.camera.width, listed.camera.cx) == (bent.camera.width, bent.camera.cx)
     fisheye = load_dataset(transforms_folder(tmp_path, is_fisheye=True, k1=0.01)).train[0]
     expected = undistortion(straight.camera, Lens((0.01, 0, 0, 0), fisheye=True)).camera
     assert (fisheye.camera.cx, fisheye.camera.cy) == (expected.cx, expected.cy) != (bent.camera.cx, bent.camera.cy)

@@ -226,6 +226,7 @@ def test_points_of_a_colmap_model_go_where_a_converter_has_moved_its_cameras(tmp
         ({"fl_x": 0, "fl_y": 50}, "focal lengths must be positive, got fx=0.0, fy=50.0"),
         ({"cx": None}, '"cx" is null, no number; correct it, or leave it out'),
         ({"k1": None}, '"k1" is null, no number; correct it, or leave it out'),
+        ({"distortion_params": [0.1, 0]}, '"distortion_params" is [0.1, 0], no list of k1, k2, k3, k4, p1, p2'),
         ({"camera_model": None}, '"camera_model" is null, no name of a lens; correct it, or leave it out'),
         ({"frames": [{"file_path": None, "transform_matrix": np.eye(4).tolist()}]}, 'lacks "file_path"'),
         ({"h": [15], "w": 21}, '"h" is [15], no number'),

@@ -113,6 +113,20 @@ def test_what_has_cameras_needs_no_poses(tmp_path):
     assert not needs_poses(touch(tmp_path / "texts", "a.txt"))
 
 
+def test_a_folder_around_data_sets_is_no_capture(tmp_path):
+    """As an archive that was unpacked into a folder of its name; the search would take their images for one scene."""
+    touch(tmp_path, "a/images/1.jpg", "a/images/2.jpg", "a/sparse/0/cameras.txt", "a/sparse/0/images.txt", "README")
+    with pytest.raises(DataError, match=f"all of its images lie in folders that have some; give {tmp_path / 'a'}"):
+        require_input(tmp_path)
+    touch(tmp_path, "b/c/train/1.png", "b/c/transforms_train.json")
+    with pytest.raises(DataError, match=f"give one of these, such as {tmp_path / 'a'}"):
+        require_input(tmp_path)
+    require_input(tmp_path / "a" / "images")
+    require_input(tmp_path / "a")  # whose poses may be found anew
+    touch(tmp_path, "new/1.jpg")
+    require_input(tmp_path)
+
+
 def test_masks_that_were_given_must_be_there(tmp_path):
     with pytest.raises(DataError, match="no such folder"):
         mask_folder(tmp_path, str(tmp_path / "masks"))

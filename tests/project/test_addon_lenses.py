@@ -44,6 +44,7 @@ LENSES = {
     "none": ({}, False),
     "all zero": ({"camera_model": "OPENCV", "k1": 0, "p2": 0.0}, False),
     "radial": ({"k1": 0.05}, True),
+    "listed": ({"distortion_params": [0.05, 0, 0, 0, 0, 0]}, True),
     "tangential": ({"camera_model": "OPENCV", "p2": 0.001}, True),
     "divided": ({"camera_model": "FULL_OPENCV", "k6": 0.01}, True),
     "fisheye": ({"camera_model": "OPENCV_FISHEYE"}, True),

@@ -52,7 +52,7 @@ def test_a_comparison_from_before_there_was_a_split_goes_on(tmp_path):
     claim(tmp_path, config)
     path = tmp_path / "config.json"
     path.write_text(json.dumps({k: v for k, v in json.loads(path.read_text()).items() if k != "split"}))
-    with pytest.raises(DataError, match="other settings"):
+    with pytest.raises(DataError, match="other settings: split was test and is validation now"):
         claim(tmp_path, replace(config, split="validation"))
     claim(tmp_path, config)
     assert json.loads(path.read_text())["split"] == "test"

@@ -74,8 +74,9 @@ def test_numbers_of_numpy_paths_and_lists_become_what_a_file_of_a_run_can_hold()
     some = Some(**numbers, **others)
     assert some == Some(many=3, share=0.5, far_away="a", size=(4, 3), target=5, small=True)
     assert json.loads(json.dumps(asdict(some)))["size"] == [4, 3]
-    arrays: dict[str, Any] = {"size": np.array([4, 3])}
-    assert Some(**arrays).size == (4, 3)
+    for size in (np.array([4, 3]), [np.int64(4), np.float32(3)]):
+        arrays: dict[str, Any] = {"size": size}
+        assert json.dumps(Some(**arrays).size) == "[4, 3]"
 
 
 @pytest.mark.parametrize(

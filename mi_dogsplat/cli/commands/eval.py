@@ -42,6 +42,7 @@ def run(args: argparse.Namespace) -> None:
     set_variant(args.variant)
     from ...measure.evaluate import mean_metrics
     from ...runs.evaluation import evaluate_model
+    from ...runs.learned_views import learned_from
 
     views = evaluate_model(
         args.model, args.data, args.out, masks=args.masks, color_correct=args.color_correct,
@@ -49,3 +50,5 @@ def run(args: argparse.Namespace) -> None:
     )  # fmt: skip
     for name, values in {**views, "mean": mean_metrics(views)}.items():
         print(f"{printable(name):24s}{metrics_line(values)}")
+    for line in learned_from(args.model, args.data, views):
+        print(printable(line))

@@ -73,7 +73,7 @@ class Compaction(Strategy[Compacted]):
             state.settled = True
             reason = "the rest of the run refines"
             return self._divide(t, splats, size, self.size, reason) if size > self.size else []
-        scheduler = PruningScheduler(self.rule, state)
+        scheduler = PruningScheduler(self.rule, state, "bytes")
         if size <= self.size and not state.begun:
             state.finished = True
             more = "it has room for more primitives"

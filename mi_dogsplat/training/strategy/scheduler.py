@@ -116,10 +116,14 @@ class Progress:
 
 @dataclass(frozen=True)
 class PruningScheduler:
-    """Decisions by the rule, for a model of ``n_start`` primitives that shall end with exactly ``n_target``."""
+    """Decisions by the rule, for a model of ``n_start`` primitives that shall end with exactly ``n_target``.
+
+    ``unit``: what is counted, for people.
+    """
 
     rule: PruningRule
     progress: Progress
+    unit: str = "primitives"
 
     def begin(self, n_start: int, n_target: int) -> None:
         """The first check has come. Raises ``ValueError`` unless 1 <= n_target < n_start."""
@@ -151,7 +155,7 @@ class PruningScheduler:
         p.next_check = due + rule.check_every
         if n <= p.n_target:
             p.finished = True
-            return Decision(False, n, f"{n} primitives are left, the target is {p.n_target}")
+            return Decision(False, n, f"{n} {self.unit} are left, the target is {p.n_target}")
 
         closing, reason = step >= rule.stop, "every check prunes"
         if closing:

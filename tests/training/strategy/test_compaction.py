@@ -17,6 +17,7 @@ from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.strategy.compaction import Compaction
 from mi_dogsplat.training.train import Trainer
 from shifted_models import with_shifts
 
@@ -110,6 +111,15 @@ def test_a_size_that_the_model_does_not_reach_is_an_event_and_it_keeps_all_its_b
     assert "1000000000" in skipped["reason"] and "--max-primitives" in skipped["reason"]
     assert not records(rows, "allocated")
     assert trainer.optimizer.to_splats().sh_degree == 2 and not trainer.optimizer.to_splats().mixed_sh
+
+
+def test_a_size_that_something_else_has_reached_is_told_in_bytes(data):
+    trainer = Trainer(config_of(data, target="1GB", steps=30), load_dataset(data))
+    compaction = next(strategy for strategy in trainer.strategies if isinstance(strategy, Compaction))
+    state = trainer.states[compaction.name]
+    trainer.step_count, state.n_start, state.n_target = compaction.rule.start, 2 * 10**9, 10**9
+    (refined,) = compaction.after_step(trainer, state)
+    assert refined.text.endswith(" bytes are left, the target is 1000000000")
 
 
 def test_a_model_that_reaches_its_size_without_what_is_near_cameras_is_told_of_no_flag_of_train(data, tmp_path):
