@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
+from model_files import load
 from package_command import by_package
+from scattering import only_as_instance
 from training_scene import CENTER, RADIUS
 
 from blender_addon.training.rendering import Rendering
@@ -187,3 +189,10 @@ def test_a_subject_that_viewports_do_not_show_has_points(subject, scene, setting
     finally:
         rendering.close()
     assert [owner.hide_viewport for owner in hidden] == before and sum(before) == 1
+
+
+def test_instances_of_splats_are_no_surfaces(scene, model):
+    only_as_instance(scene, load(model))
+    scene.dogsplat_training.subject = "SCENE"
+    with pytest.raises(RuntimeError, match="the subject has no surfaces"):
+        bpy.ops.dogsplat.make_cameras()
