@@ -11,8 +11,9 @@ from scattering import only_as_instance
 from training_scene import CENTER, RADIUS
 
 from blender_addon.training.rendering import Rendering
+from blender_addon.training.result import place_result
 from blender_addon.training.rig import around, held_out
-from blender_addon.training.rig_operator import make_rig
+from blender_addon.training.rig_operator import make_rig, rig_cameras
 from blender_addon.training.subject import surface_points
 
 CAPTURED = """
@@ -98,6 +99,21 @@ def test_a_rig_stays_in_the_collection_that_it_was_put_into(subject, scene):
     outer.children.unlink(rig)
     make_rig(bpy.context)
     assert rig.name in scene.collection.children
+
+
+def test_a_scene_with_the_settings_of_another_one_leaves_its_rig_alone(subject, scene, model):
+    """As "New Scene, Copy Settings" makes it."""
+    made, first = make_rig(bpy.context), scene.dogsplat_training
+    first.result = load(model)
+    bpy.ops.scene.new(type="EMPTY")
+    settings = bpy.context.scene.dogsplat_training
+    assert settings.cameras == first.cameras and settings.objects() == [] and rig_cameras(settings) == []
+    bpy.ops.mesh.primitive_cube_add(location=(20, 0, 0))
+    own = make_rig(bpy.context)
+    assert settings.objects() == [bpy.context.object] and not set(own) & set(made)
+    assert rig_cameras(first) == made and first.objects() == [subject]
+    place_result(bpy.context, model)
+    assert not first.result.hide_render
 
 
 def test_a_scene_that_looks_through_the_rig_does_so_again_when_it_is_made_anew(subject, scene):
