@@ -152,8 +152,11 @@ def make_stage(
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     copies = copied_drawings(depsgraph, lambda owner: owner.name_full not in hidden)
     files, notes = set(), [*splats.notes, *(told(COPIED, name=name) for name in copies)]
-    if getattr(depsgraph.view_layer, "world_override", None) is not None:  # from Blender 5.0 on
+    layer = depsgraph.view_layer
+    if getattr(layer, "world_override", None) is not None:  # from Blender 5.0 on
         notes.append(told("the view layer's override of the world is left out"))
+    if not (layer.use_sky and layer.use_solid):
+        notes.append(told("the view layer's filter is left out: environment and surfaces are drawn"))
     splats.models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
         notes.append(told(MIXED))
