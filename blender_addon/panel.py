@@ -104,6 +104,8 @@ def _note_groups(layout: bpy.types.UILayout, scene: bpy.types.Scene, obj: bpy.ty
         return
     if scene.render.use_multiview and scene.render.views_format == "MULTIVIEW" and is_splats(obj):
         layout.label(text="Multi-View: quads of the active camera", icon="INFO")
+    if "EEVEE" in scene.render.engine and is_splats(obj) and len(list(filter(is_splats, scene.objects))) > 1:
+        layout.label(text="EEVEE: join models that overlap", icon="INFO")
     if has_any(obj, SLOPES):
         layout.label(text="Blender draws mean colors, no slopes", icon="INFO")
     if has_any(obj, CURVATURES):

@@ -119,7 +119,8 @@ def make_order(
         stage.notes.append(told("depth of field is left out; it takes Whole Scene and Linear colors"))
     elif obj.data.dof.use_dof and (obj.data.dof.aperture_blades > 2 or obj.data.dof.aperture_ratio != 1):
         stage.notes.append(told("the aperture is round, whatever its blades and ratio"))
-    request = {**stage.request, "passes": passes, **own_near_clip(camera)}
+    request = {**stage.request, "passes": passes}
+    request["near_clip"] = near_clip_of(stage, camera, obj.data.clip_start)
     if not stage.whole:
         request |= camera_request(camera)
     else:
@@ -151,8 +152,11 @@ def make_stage(
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     copies = copied_drawings(depsgraph, lambda owner: owner.name_full not in hidden)
     files, notes = set(), [*splats.notes, *(told(COPIED, name=name) for name in copies)]
-    if getattr(depsgraph.view_layer, "world_override", None) is not None:  # from Blender 5.0 on
+    layer = depsgraph.view_layer
+    if getattr(layer, "world_override", None) is not None:  # from Blender 5.0 on
         notes.append(told("the view layer's override of the world is left out"))
+    if not (layer.use_sky and layer.use_solid):
+        notes.append(told("the view layer's filter is left out: environment and surfaces are drawn"))
     splats.models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
         notes.append(told(MIXED))
@@ -187,9 +191,12 @@ def camera_request(camera: Camera) -> dict[str, Any]:
     return {"camera": {"w2c": camera.w2c.tolist(), **numbers}, "orthographic": camera.orthographic, **film}
 
 
-def own_near_clip(camera: Camera) -> dict[str, float]:
-    """In place of that of the splats: none for parallel rays, to which it does not matter where the camera stands."""
-    return {"near_clip": 0.0} if camera.orthographic else {}
+def near_clip_of(stage: Stage, camera: Camera, start: float) -> float:
+    """For a camera that sees nothing before ``start``, as in all engines of Blender.
+
+    The near clip of the splats is not for parallel rays, which show them as large from near as from afar.
+    """
+    return start if camera.orthographic else max(start, stage.request["near_clip"])
 
 
 def square(camera: Camera) -> Camera:

@@ -15,7 +15,7 @@ import bpy
 
 from .builder import Tree, Value, Vector, arrange
 
-VERSION = 11  # of the node trees; another version of the add-on makes its own
+VERSION = 12  # of the node trees; another version of the add-on makes its own
 MIN_ALPHA = 1 / 255
 MAX_ALPHA = 0.99
 COLOR, KERNEL, PSEUDO = "splat:color", "splat:kernel", "splat:pseudo"  # of a quad: u, v, opacity of both kernels

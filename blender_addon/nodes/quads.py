@@ -10,13 +10,14 @@ from typing import Any
 
 import bpy
 
-from .builder import Tree, Vector, new_group
+from .builder import Tree, Value, Vector, new_group, wrap
 from .fields import FRAME, Frame, Splat
 from .geometry import delete, remove, set_material, sort, store
 from .groups import GEOMETRY, LOW_PASS, cached_group, cutoff, finish_group, named_attribute
 from .material import EXTENT, KERNEL, OPACITIES, PSEUDO, quad_material
 
 CORNER = "splat:corner"
+APART = 1e-6  # of their depth, that quads are at least
 INPUTS = {
     "Points": "NodeSocketGeometry", "DoG": "NodeSocketBool", "Near Clip": "NodeSocketFloat",
     "Antialiased": "NodeSocketBool", **FRAME,
@@ -67,7 +68,7 @@ def _rectangles(tree: Tree, points: Any, frame: Frame) -> Any:
     corner_x, corner_y, _ = named_attribute(tree, CORNER).split()
     size_x, size_y, distance = named_attribute(tree, EXTENT).split()
     place = tree.node("GeometryNodeInstanceOnPoints")
-    tree.plug(place.inputs["Points"], sort(tree, points, frame.depth * -1.0))
+    tree.plug(place.inputs["Points"], _sorted(tree, points, frame))
     tree.plug(place.inputs["Instance"], _corners(tree))
     tree.plug(place.inputs["Scale"], (0.0, 0.0, 0.0))
     realize = tree.node("GeometryNodeRealizeInstances")
@@ -87,6 +88,34 @@ def _rectangles(tree: Tree, points: Any, frame: Frame) -> Any:
     for name in (CORNER, EXTENT, OPACITIES):
         mesh = remove(tree, mesh, name)
     return mesh
+
+
+def _sorted(tree: Tree, points: Any, frame: Frame) -> Any:
+    """The farthest point first; of those at one depth the last, as in the package.
+
+    Each that is as deep as the one before is moved a little nearer than that, in the same pixels: Cycles passes over
+    one of two quads at the same depth. Those of a flat model that is seen from the front all have the same.
+    """
+    index = wrap(tree, tree.node("GeometryNodeInputIndex").outputs[0])
+    points = sort(tree, sort(tree, points, index * -1.0), frame.depth * -1.0)
+    before = tree.node("GeometryNodeFieldAtIndex", data_type="FLOAT", domain="POINT")
+    tree.plug(before.inputs["Index"], tree.math("MAXIMUM", index - 1.0, 0.0))
+    tree.plug(before.inputs["Value"], frame.depth)
+    size = tree.math("ABSOLUTE", frame.depth)
+    close = (wrap(tree, before.outputs[0]) - frame.depth < size * APART) * (index > 0.5)
+    rank = _running_sum(tree, close, _running_sum(tree, 1.0 - close))  # among neighbours that are close
+    move = tree.node("GeometryNodeSetPosition")
+    tree.plug(move.inputs["Geometry"], points)
+    tree.plug(move.inputs["Offset"], frame.direction * (size / frame.distance * rank * -APART))
+    return move.outputs[0]
+
+
+def _running_sum(tree: Tree, value: Value, group: Value | None = None) -> Value:
+    """Of the values of the points up to each, of its group alone."""
+    node = tree.node("GeometryNodeAccumulateField", data_type="FLOAT", domain="POINT")
+    tree.plug(node.inputs["Value"], value)
+    tree.plug(node.inputs["Group ID"], group)
+    return Value(tree, node.outputs["Leading"])
 
 
 def _corners(tree: Tree) -> Any:

@@ -6,9 +6,9 @@ import bpy
 from bpy.app.handlers import persistent
 
 
-def is_there(obj: bpy.types.Object | None) -> bool:
-    """Whether it is in a scene."""
-    return obj is not None and bool(obj.users_scene)
+def is_there(obj: bpy.types.Object | None, scene: bpy.types.Scene | None = None) -> bool:
+    """Whether it is in that scene, or in any."""
+    return obj is not None and (scene in obj.users_scene if scene else bool(obj.users_scene))
 
 
 @persistent

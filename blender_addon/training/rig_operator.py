@@ -47,9 +47,9 @@ class DOGSPLAT_OT_make_cameras(bpy.types.Operator):
 
 def rig_cameras(settings: DogSplatTrainingSettings) -> list[bpy.types.Object]:
     """In the order of their names."""
-    if settings.cameras is None:
+    if (rig := _own_rig(settings)) is None:
         return []
-    return sorted((obj for obj in settings.cameras.objects if obj.type == "CAMERA"), key=lambda obj: obj.name)
+    return sorted((obj for obj in rig.objects if obj.type == "CAMERA"), key=lambda obj: obj.name)
 
 
 def make_rig(context: bpy.types.Context) -> list[bpy.types.Object]:
@@ -122,9 +122,8 @@ def _poses(context: bpy.types.Context, points: np.ndarray, lens: Camera) -> tupl
 
 def _emptied(scene: bpy.types.Scene, settings: DogSplatTrainingSettings) -> bpy.types.Collection:
     """The rig's collection without the cameras that were made before; those that were added by hand stay."""
-    if settings.cameras is None:
-        settings.cameras = bpy.data.collections.new(RIG)
-    if settings.cameras not in scene.collection.children_recursive:
+    settings.cameras = _own_rig(settings) or bpy.data.collections.new(RIG)
+    if not _has(scene, settings.cameras):
         scene.collection.children.link(settings.cameras)
     for obj in [obj for obj in settings.cameras.objects if RIG in obj]:
         data = obj.data
@@ -132,3 +131,15 @@ def _emptied(scene: bpy.types.Scene, settings: DogSplatTrainingSettings) -> bpy.
         if not data.users:
             bpy.data.cameras.remove(data)
     return settings.cameras
+
+
+def _own_rig(settings: DogSplatTrainingSettings) -> bpy.types.Collection | None:
+    """The rig's collection; None for that of another scene, whose settings a new scene may have copied."""
+    rig, scene = settings.cameras, settings.id_data
+    if rig is None or _has(scene, rig):
+        return rig
+    return None if any(_has(other, rig) for other in bpy.data.scenes) else rig
+
+
+def _has(scene: bpy.types.Scene, collection: bpy.types.Collection) -> bool:
+    return collection in scene.collection.children_recursive

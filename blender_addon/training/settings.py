@@ -125,5 +125,5 @@ class DogSplatTrainingSettings(bpy.types.PropertyGroup):
     result: PointerProperty(type=bpy.types.Object)  # of the latest training
 
     def objects(self) -> list[bpy.types.Object]:
-        """Those that the rig was made for, as far as they are still there."""
-        return [entry.object for entry in self.subjects if is_there(entry.object)]
+        """Those that the rig was made for, as far as they are still there, and in the scene of these settings."""
+        return [entry.object for entry in self.subjects if is_there(entry.object, self.id_data)]

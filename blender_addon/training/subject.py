@@ -38,7 +38,7 @@ def surface_points(depsgraph: bpy.types.Depsgraph, objects: list[bpy.types.Objec
         obj, owner = instance.object, instance.parent if instance.is_instance else instance.object
         if owner.name_full not in wanted or obj.type not in WITH_FACES or not instance.show_self:
             continue
-        if is_splats(owner.original):
+        if is_splats(obj.original):
             continue
         key = obj.data.as_pointer()
         if key not in geometry:

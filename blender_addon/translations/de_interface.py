@@ -317,6 +317,7 @@ REST = {
     "Colors need an active camera, or Follow View": "Farben brauchen eine aktive Kamera oder „Ansicht folgen“",
     "EEVEE: no negative lobes": "EEVEE: keine negativen Keulen",
     "Multi-View: quads of the active camera": "Multi-View: Vierecke der aktiven Kamera",
+    "EEVEE: join models that overlap": "EEVEE: Modelle zusammenführen, die sich überschneiden",
     "Blender draws mean colors, no slopes": "Blender zeichnet mittlere Farben, keine Verläufe",
     "Blender draws mean brightness, no curvatures": "Blender zeichnet mittlere Helligkeit, keine Krümmungen",
     "Blender draws whole splats, no cuts": "Blender zeichnet ganze Splats, keine Schnitte",

@@ -41,6 +41,9 @@ NOTES = {
     "the view layer's override of the world is left out": (
         "die Überschreibung der Welt durch die Ansichtsebene wird weggelassen"
     ),
+    "the view layer's filter is left out: environment and surfaces are drawn": (
+        "der Filter der Ansichtsebene wird weggelassen: Umgebung und Oberflächen werden gezeichnet"
+    ),
     '"{light}": the shadows of a spot are sharp': "„{light}“: die Schatten eines Spots sind scharf",
     '"{light}": a light of negative power is left out': "„{light}“: ein Licht negativer Leistung wird weggelassen",
     '"{light}": an area light shines to all sides, whatever its spread': (

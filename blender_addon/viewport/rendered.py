@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..engine.order import Stage, camera_request, make_stage, own_near_clip, square, tidy
+from ..engine.order import Stage, camera_request, make_stage, near_clip_of, square, tidy
 from ..engine.passes import background
 from ..evaluated.masks import masks_in
 from ..evaluated.visible import hidden_in
@@ -172,7 +172,7 @@ class Rendered:
 
 def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, rests: bool) -> dict[str, Any]:
     """The picture of a stage as ``dogsplat serve`` is asked for it."""
-    request = stage.request | {"clip": list(seen.clip), **own_near_clip(seen.camera)}
+    request = stage.request | {"clip": list(seen.clip), "near_clip": near_clip_of(stage, seen.camera, seen.clip[0])}
     if stage.whole:
         settings = scene.dogsplat
         how = {"samples": settings.samples if rests else 0, "denoise": settings.denoise}

@@ -70,6 +70,16 @@ def test_the_panel_says_that_cameras_of_several_views_share_quads(scene, model):
     assert said not in drawn()
 
 
+def test_the_panel_says_that_eevee_draws_one_model_after_the_other(scene, model):
+    load(model)
+    said = "EEVEE: join models that overlap"
+    assert said not in drawn()
+    load(model)
+    assert said in drawn()
+    scene.render.engine = "CYCLES"
+    assert said not in drawn()
+
+
 def test_the_render_properties_have_the_settings_of_the_engine_alone(scene):
     layout = Layout()
     DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)

@@ -94,7 +94,7 @@ def test_depth_of_parallel_rays_is_the_same_with_a_scene_and_without(scene, comm
     for send in ("SPLATS", "SCENE"):
         scene.dogsplat.send = send
         order = make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, ["depth"])
-        assert order.whole is (send == "SCENE") and order.request["near_clip"] == 0
+        assert order.whole is (send == "SCENE") and order.request["near_clip"] == pytest.approx(0.01)
         found.append(command.render(order.request, lambda: False, lambda share: None, lambda picture: None))
         wall = body(plane(0.01), material("ShaderNodeEmission", Strength=1.0))  # there is a scene from now on
         wall.location = scene.camera.matrix_world.translation + scene.camera.matrix_world.to_3x3().col[2]  # behind

@@ -9,9 +9,11 @@ from blender_pictures import EEVEE, as_srgb, psnr, rendered
 from mathutils import Matrix
 from model_files import load
 from references import REFERENCES, place_camera, reference
+from surroundings import camera
 
 from blender_addon.cameras.camera import Camera
 from blender_addon.cameras.objects import build_camera, look_through
+from blender_addon.engine.settings import ENGINE
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 
 
@@ -127,3 +129,17 @@ def test_linear_colors_look_as_trained_under_the_view_transform_standard(scene, 
     scene.view_settings.view_transform = "Standard"
     linear = rendered(scene, "CYCLES", tmp_path)
     assert psnr(as_srgb(linear), reference("plain")["color"]) > 15
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_a_flat_model_is_seen_from_the_front(scene, by_command, tmp_path, kind):
+    """All of its splats are at one depth: none is passed over, and the first is in front."""
+    camera(scene, (0, 0, 6)).data.type = kind
+    obj = load(REFERENCES / "dog.ply")
+    places = np.array([vertex.co for vertex in obj.data.vertices], np.float32) * (1, 1, 0)
+    obj.data.vertices.foreach_set("co", places.ravel())
+    obj.data.update()
+    bpy.ops.dogsplat.exact_settings()
+    scene.dogsplat_colors = "DISPLAY"
+    ours = rendered(scene, ENGINE, tmp_path)
+    assert ours.std() > 0.1 and psnr(rendered(scene, "CYCLES", tmp_path), ours) > 60

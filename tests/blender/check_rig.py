@@ -5,12 +5,15 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
+from model_files import load
 from package_command import by_package
+from scattering import only_as_instance
 from training_scene import CENTER, RADIUS
 
 from blender_addon.training.rendering import Rendering
+from blender_addon.training.result import place_result
 from blender_addon.training.rig import around, held_out
-from blender_addon.training.rig_operator import make_rig
+from blender_addon.training.rig_operator import make_rig, rig_cameras
 from blender_addon.training.subject import surface_points
 
 CAPTURED = """
@@ -96,6 +99,21 @@ def test_a_rig_stays_in_the_collection_that_it_was_put_into(subject, scene):
     outer.children.unlink(rig)
     make_rig(bpy.context)
     assert rig.name in scene.collection.children
+
+
+def test_a_scene_with_the_settings_of_another_one_leaves_its_rig_alone(subject, scene, model):
+    """As "New Scene, Copy Settings" makes it."""
+    made, first = make_rig(bpy.context), scene.dogsplat_training
+    first.result = load(model)
+    bpy.ops.scene.new(type="EMPTY")
+    settings = bpy.context.scene.dogsplat_training
+    assert settings.cameras == first.cameras and settings.objects() == [] and rig_cameras(settings) == []
+    bpy.ops.mesh.primitive_cube_add(location=(20, 0, 0))
+    own = make_rig(bpy.context)
+    assert settings.objects() == [bpy.context.object] and not set(own) & set(made)
+    assert rig_cameras(first) == made and first.objects() == [subject]
+    place_result(bpy.context, model)
+    assert not first.result.hide_render
 
 
 def test_a_scene_that_looks_through_the_rig_does_so_again_when_it_is_made_anew(subject, scene):
@@ -187,3 +205,10 @@ def test_a_subject_that_viewports_do_not_show_has_points(subject, scene, setting
     finally:
         rendering.close()
     assert [owner.hide_viewport for owner in hidden] == before and sum(before) == 1
+
+
+def test_instances_of_splats_are_no_surfaces(scene, model):
+    only_as_instance(scene, load(model))
+    scene.dogsplat_training.subject = "SCENE"
+    with pytest.raises(RuntimeError, match="the subject has no surfaces"):
+        bpy.ops.dogsplat.make_cameras()

@@ -86,6 +86,17 @@ def test_another_world_of_the_view_layer_is_said(model, scene, tmp_path):
     assert "world" in note
 
 
+@pytest.mark.parametrize("name", ["use_sky", "use_solid"])
+def test_a_filter_of_the_view_layer_is_said(model, scene, tmp_path, name):
+    place_camera(scene, "dog")
+    load(model)
+    camera = through_the_camera(scene).camera
+    assert staged(tmp_path, camera).notes == []
+    setattr(bpy.context.view_layer, name, False)
+    (note,) = staged(tmp_path, camera).notes
+    assert "filter is left out" in note
+
+
 def test_a_file_that_cannot_be_removed_stays(monkeypatch, tmp_path):
     """As one that is being read on Windows; others go."""
     for name in ("a.ply", "b.ply"):
