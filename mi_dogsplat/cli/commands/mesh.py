@@ -26,7 +26,8 @@ Examples:
 
 For what splats cannot do themselves: a ball that rolls over them, a shadow that falls on them in another
 renderer. Depth pictures of the model are fused to a signed distance, and marching cubes make triangles of it.
-The mesh lies in the coordinates of the model (glTF, OpenUSD: upright and in metres), and its vertices have colours.
+The mesh lies in the coordinates of the model, in glTF and OpenUSD upright and in metres. Its vertices have
+colours.
 """
 
 OF_FILE = "(default: as the file says; without --data a hundredth of the radius of the model, if that is less)"
