@@ -50,7 +50,7 @@ class _Fenced:
 
     @classmethod
     def of(cls, points: Array, faces: Array) -> _Fenced:
-        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
         n = len(points)
         codes, back = edges @ (n, 1), edges[:, ::-1] @ (n, 1)
         border = np.flatnonzero(~np.isin(codes, back))
