@@ -29,10 +29,9 @@ def simplified(mesh: Mesh, most: int) -> Mesh:
         if len(fewer.faces) == len(fenced.faces):
             break
         fenced, target = fewer, len(fewer.faces) - (fewer.n_surface - most)
-    found = Mesh(fenced.points + centre, fenced.faces[~fenced.is_fence])
-    colors = None if mesh.colors is None else _means(mesh.colors, fenced.became, len(found.vertices))
-    vertices = found.vertices.astype(mesh.vertices.dtype)
-    return Mesh(vertices, found.faces, colors).with_faces(_distinct(found.faces))
+    vertices, faces = (fenced.points + centre).astype(mesh.vertices.dtype), fenced.faces[~fenced.is_fence]
+    colors = None if mesh.colors is None else _means(mesh.colors, fenced.became, len(vertices))
+    return Mesh(vertices, faces, colors).with_faces(_distinct(faces))
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def stereo(scene, name, distance=0.3):
 
 EYES = [("OFFAXIS", "CENTER", False), ("OFFAXIS", "LEFT", True), ("PARALLEL", "RIGHT", False), ("TOE", "CENTER", True),
         ("TOE", "RIGHT", False)]  # fmt: skip
-IN_EEVEE = EYES[1::3]  # which is slow, and has the same quads
+IN_EEVEE = [EYES[1], EYES[4]]  # which is slow, and has the same quads
 
 
 @pytest.mark.parametrize("engine, name, least, mode, pivot, mirrored", [

@@ -6,12 +6,13 @@
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat.cli.commands.mesh import NAMES as NAMES_IN_HELP
 from mi_dogsplat.formats.gltf_container import Container, matrix_of
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.usd_files import NAMES
 from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.meshing.mesh import Mesh
-from mi_dogsplat.meshing.mesh_files import writer_of
+from mi_dogsplat.meshing.mesh_files import WRITERS, writer_of
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import linear_to_srgb
@@ -52,6 +53,11 @@ def test_an_obj_has_colours_behind_its_positions(tmp_path):
 def test_another_name_is_one_line(tmp_path):
     with pytest.raises(DataError, match=r"mesh.stl: no known mesh format; name a file that ends in .ply, .obj, .glb"):
         writer_of(tmp_path / "mesh.stl")
+
+
+def test_the_help_of_the_command_names_all_formats():
+    """By itself, as it is shown without what writes them."""
+    assert set(NAMES_IN_HELP) == set(WRITERS)
 
 
 @pytest.mark.parametrize("suffix", OF_MITSUBA)
