@@ -23,7 +23,7 @@ from .image_files import image_files
 from .images import is_file
 from .lens import undistortion
 from .point_colors import in_srgb
-from .view_images import ViewSource, load_views, require_files
+from .view_images import ViewSource, load_views, require_files, rig_frames
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 
@@ -50,7 +50,7 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     folder = image_folder(path, model)
     sources, images = read_sources(model, folder)
     points = read_model_points(model)
-    train, test = split_views(model, images, split)
+    train, test = split_views(sources, split)
     wanted = {*train, *test}
     read = [source.name in wanted for source in sources]
     sources, images = list(compress(sources, read)), list(compress(images, read))
@@ -85,7 +85,8 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
         raise DataError(
             image_file, "the model has no registered image", "run COLMAP's mapper until images register"
         )
-    sources = []
+    sources, frame_file = [], model_file(model, "frames")
+    frames = read_frames(frame_file) if frame_file else {}
     files = image_files(images_at, [image.name for image in images])
     for image, file in zip(images, files, strict=True):
         if image.camera_id not in cameras:
@@ -96,19 +97,16 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
             )
         c = cameras[image.camera_id]
         camera = Camera(image.w2c, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
-        sources.append(ViewSource(view_name(image.name), file, camera, c.lens))
+        sources.append(ViewSource(view_name(image.name), file, camera, c.lens, frames.get(image.image_id)))
     require_unique_names(image_file, [source.name for source in sources])
     return sources, images
 
 
-def split_views(model: Path, images: Sequence[ColmapImage], split: str = "test") -> tuple[list[str], list[str]]:
-    """Names of the views (to train on, to measure) by a split in ``SPLITS``. Every 8th of the ``images``, which are
-    sorted by name, is test; those of one frame of a rig count as one. Raises ``DataError``."""
-    file = model_file(model, "frames")
-    frames = read_frames(file) if file else {}
-    names = {view_name(image.name): image.image_id for image in images}
-    rig_frames = {name: frames[image_id] for name, image_id in names.items() if image_id in frames}
-    return held_out(*every_eighth(list(names), rig_frames), split, rig_frames=rig_frames)
+def split_views(sources: Sequence[ViewSource], split: str = "test") -> tuple[list[str], list[str]]:
+    """Names of the views (to train on, to measure) by a split in ``SPLITS``. Every 8th of the ``sources``, which are
+    sorted by the names of their images, is test; those of one frame of a rig count as one."""
+    frames = rig_frames(sources)
+    return held_out(*every_eighth([source.name for source in sources], frames), split, rig_frames=frames)
 
 
 def read_poses(model: Path) -> dict[str, np.ndarray]:

@@ -22,7 +22,7 @@ from .colmap import find_model, image_folder, read_sources, split_views
 from .dataset import Dataset
 from .frame_cameras import FULL, intrinsics_of
 from .point_ply import write_point_ply
-from .transforms import NAME, find_transforms, split_sources
+from .transforms import NAME, RIG_FRAME, find_transforms, split_sources
 from .view_images import ViewSource
 
 
@@ -59,7 +59,9 @@ def write_refined(folder: Path, dataset: Dataset, data: Path, moved: Mapping[str
     for source in sources:
         camera = replace(source.camera, w2c=moved.get(source.name, source.camera.w2c))
         pose = (camera.c2w @ OPENCV_FROM_OPENGL).tolist()
-        frames.append({"file_path": paths[source.name], NAME: source.name, **_optics(source), "transform_matrix": pose})
+        rig = {} if source.rig_frame is None else {RIG_FRAME: source.rig_frame}
+        known = {"file_path": paths[source.name], NAME: source.name, **rig, **_optics(source)}
+        frames.append(known | {"transform_matrix": pose})
     write_point_ply(folder / "points.ply", dataset.points, dataset.point_colors)
     with replacing(folder / "transforms.json") as part:
         content = {"ply_file_path": "points.ply", **(split if test else {}), "frames": frames}
@@ -83,8 +85,8 @@ def _sources(data: Path) -> tuple[list[ViewSource], list[str]]:
     """All views, and the names of those to test with."""
     model = find_model(data) if data.is_dir() else None
     if model:
-        sources, images = read_sources(model, image_folder(data, model))
-        return sources, split_views(model, images)[1]
+        sources, _ = read_sources(model, image_folder(data, model))
+        return sources, split_views(sources)[1]
     file = find_transforms(data) if data.is_dir() else data
     assert file is not None  # what was loaded
     sources, _, test = split_sources(file)

@@ -8,6 +8,7 @@ forward) where a key of instant-ngp's tells them. Intrinsics may stand at the to
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,10 @@ from .frame_cameras import camera_of, lens_of, merged, pose_of
 from .images import is_file, named_file
 from .masks import folder_of_masks
 from .point_ply import read_point_ply
-from .view_images import ViewSource, load_views, require_files
+from .view_images import ViewSource, load_views, require_files, rig_frames
 
 NAME = "view_name"  # ours: of a frame that is named otherwise than by its file, as where this lies elsewhere
+RIG_FRAME = "rig_frame"  # ours: the same whole number in the frames that a rig took at one moment
 MASK = "mask_path"  # nerfstudio's, of a frame
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".exr")
 CONVENTION = (
@@ -90,7 +92,7 @@ def split_sources(
         sources += of_test + of_val
     else:
         sources.sort(key=lambda source: source.image_path)
-    names = [source.name for source in sources]
+    names, rig = [source.name for source in sources], rig_frames(sources)
     require_unique_names(file, names)
     if listed["train"] and listed["train"].isdisjoint(names):
         raise DataError(file, '"train_filenames" names none of its images', "correct it, or remove it")
@@ -102,9 +104,9 @@ def split_sources(
         if not test:
             raise DataError(file, f'"{part}_filenames" names none of its images', "correct it, or remove it")
     else:
-        train, test = every_eighth(train)
+        train, test = every_eighth(train, rig)
     own = [name for name in names if name in listed["val"] - listed["test"]] if part == "test" else []
-    train, test = held_out(train, test, split, own)
+    train, test = held_out(train, test, split, own, rig)
     wanted = {*train, *test}
     return [source for source in sources if source.name in wanted], train, test
 
@@ -182,8 +184,16 @@ def _sources(file: Path, content: dict[str, Any]) -> list[ViewSource]:
             if isinstance(error, DataError):
                 raise
             raise DataError(file, f'frame "{name}": {error}', remedy) from error
-        sources.append(ViewSource(_view_name(frame), image_path, camera, lens))
+        sources.append(ViewSource(_view_name(frame), image_path, camera, lens, _rig_frame(file, frame)))
     return sources
+
+
+def _rig_frame(file: Path, frame: dict[str, Any]) -> int | None:
+    number = frame.get(RIG_FRAME)
+    if number is not None and (isinstance(number, bool) or not isinstance(number, int)):
+        name = frame["file_path"]
+        raise DataError(file, f'frame "{name}": "{RIG_FRAME}" is {json.dumps(number)}', "make it a whole number")
+    return number
 
 
 def _view_name(frame: dict[str, Any]) -> str:

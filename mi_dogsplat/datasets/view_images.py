@@ -34,12 +34,19 @@ BYTES_KEPT, BYTES_READ = 12, 24  # per pixel: of a float32 image, and while one 
 
 @dataclass(frozen=True, eq=False)
 class ViewSource:
-    """A view before its image is read; ``camera`` and ``lens`` are those of the image at full size."""
+    """A view before its image is read; ``camera`` and ``lens`` are those of the image at full size. Views of one
+    ``rig_frame`` were taken by a rig at one moment."""
 
     name: str
     image_path: Path
     camera: Camera
     lens: Lens = Lens()
+    rig_frame: int | None = None
+
+
+def rig_frames(sources: Sequence[ViewSource]) -> dict[str, int]:
+    """The rig frame of each view that has one, by its name."""
+    return {source.name: source.rig_frame for source in sources if source.rig_frame is not None}
 
 
 def require_files(paths: Sequence[Path]) -> None:

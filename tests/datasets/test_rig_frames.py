@@ -1,5 +1,6 @@
 """Images that a rig took at one moment are for training or for testing, never some for this and some for that."""
 
+import json
 from pathlib import Path
 
 import pycolmap
@@ -58,10 +59,29 @@ def test_models_without_frames_are_split_by_images(rig):
     assert [view.name for view in dataset.test] == sorted(view.name for view in dataset.views)[::8]
 
 
-def test_a_refined_data_set_keeps_the_split(rig, tmp_path):
-    given = load_dataset(rig)
+@pytest.mark.parametrize("split", ["test", "validation"])
+@pytest.mark.parametrize("listed", [True, False], ids=["test views named", "none named"])
+def test_a_refined_data_set_keeps_the_split(rig, tmp_path, listed, split):
+    given = load_dataset(rig, split=split)
     write_refined(tmp_path / "refined", given, rig, {})
-    assert [view.name for view in load_dataset(tmp_path / "refined").test] == [view.name for view in given.test]
+    file = tmp_path / "refined" / "transforms.json"
+    content = json.loads(file.read_text())
+    if not listed:
+        file.write_text(json.dumps({key: content[key] for key in content if not key.endswith("_filenames")}))
+    refined = load_dataset(file.parent, split=split)
+    assert [view.name for view in refined.test] == [view.name for view in given.test]
+    assert [view.name for view in refined.train] == [view.name for view in given.train]
+
+
+@pytest.mark.parametrize("number", [1.5, "1", True, [1]])
+def test_a_frame_of_a_rig_has_a_whole_number(rig, tmp_path, number):
+    write_refined(tmp_path / "refined", load_dataset(rig), rig, {})
+    file = tmp_path / "refined" / "transforms.json"
+    content = json.loads(file.read_text())
+    content["frames"][3]["rig_frame"] = number
+    file.write_text(json.dumps(content))
+    error = error_of(file.parent)
+    assert error.startswith(f"{file}: frame ") and f'"rig_frame" is {json.dumps(number)}; make it' in error
 
 
 def test_one_moment_alone_is_trained_on():
