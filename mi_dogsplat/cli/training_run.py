@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..support.errors import DataError
 from ..support.variants import set_variant
 from ..support.wording import counted, duration, file_size, printable
 from ..training.config import TrainConfig
+from .data_notes import say_what_is_not_read
 from .printing import metrics_line, say
 
 
@@ -20,7 +20,7 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     from ..runs.learned_views import learned_from
     from ..runs.run import train
 
-    _say_what_is_known_before(config)
+    say_what_is_not_read(config.data, config.masks)
     with shown_training(config.steps, config.split) as show:
         metrics = train(config, out, show, resume)
     split = f"{config.split} views:" if metrics["test"] else f"training views (no {config.split} view is measured):"
@@ -33,8 +33,8 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
 
 @contextmanager
 def shown_training(steps: int, split: str = TrainConfig.split) -> Iterator[Callable[[dict], None]]:
-    """What takes the rows of a training as progress: a bar up to its last step, then lines on what it could not do and
-    on what follows: of which ``split`` the views are that are measured."""
+    """What takes the rows of a training as progress: lines on its data, a bar up to its last step, then lines on what
+    it could not do and on what follows: of which ``split`` the views are that are measured."""
     from ..training.events import NotPruned
     from .progress import Bar
 
@@ -49,6 +49,8 @@ def shown_training(steps: int, split: str = TrainConfig.split) -> Iterator[Calla
                 views = counted(row["measured"], f"{split} view")
                 say(f"all steps are done; measuring {views}, writing the report")
                 return
+            for note in row.get("notes", ()):
+                say(printable(note))
             events = row.get("events", ())
             not_done.extend(NotPruned(event["reason"]).text for event in events if event["kind"] == NotPruned.kind)
             figures = {}
@@ -58,21 +60,3 @@ def shown_training(steps: int, split: str = TrainConfig.split) -> Iterator[Calla
             bar.show(row["step"], steps, **figures)
 
         yield show
-
-
-def _say_what_is_known_before(config: TrainConfig) -> None:
-    """What of the data is not read, and whether they are too far from the origin."""
-    from ..datasets.far_origin import far_from_origin
-    from ..datasets.numbered_models import other_models
-    from ..datasets.transforms import not_read
-
-    data = Path(config.data)
-    try:
-        lines = other_models(data) + ([] if config.masks else not_read(data))
-        far = far_from_origin(data)
-    except DataError:  # the training says so itself, once it has looked at its model
-        return
-    for line in lines:
-        say(printable(f"{config.data}: not read: {line}"))
-    for line in far:
-        say(printable(f"{config.data}: {line}"))

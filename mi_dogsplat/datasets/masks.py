@@ -5,7 +5,7 @@ What moves, or is no part of the scene, is painted black. A mask may be of any s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from unicodedata import normalize
 
@@ -69,6 +69,16 @@ def mask_files(folder: Path) -> dict[str, Path]:
         for path, views in zip(found, names, strict=True):
             paths.setdefault(views[likely], path)
     return paths
+
+
+def without_mask(folder: str | Path | None, views: Iterable[str]) -> list[str]:
+    """A line on those views, by their names, that have no mask in the folder, as where its files are named otherwise;
+    none where all have one, or without a folder."""
+    names = sorted(views)
+    paths = mask_files(Path(folder)) if folder else {}
+    whole = [name for name in names if folder and composed(name) not in paths]
+    said = f"{folder}: no mask for {len(whole)} of {len(names)} images"
+    return [f"{said}, such as {whole[0]}: all of their pixels count"] if whole else []
 
 
 def folder_of_masks(mask: Path, view: str) -> Path | None:

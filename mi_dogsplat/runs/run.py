@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets import Dataset, load_dataset
+from ..datasets.masks import without_mask
 from ..datasets.refined import require_photographs
 from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
@@ -82,8 +83,8 @@ def train(
     """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
 
     Args:
-        progress: called as training starts, with every row of the history, and when there are none any more, with the
-            number of test views that are ``measured`` then.
+        progress: called as training starts, with ``notes`` on the data in lines, with every row of the history, and
+            when there are none any more, with the number of test views that are ``measured`` then.
         resume: go on from the run's last checkpoint, or from the beginning if it did not come that far, with the same
             settings.
         recipe: takes the place of the preset's.
@@ -114,7 +115,8 @@ def train(
     with undisguised(progress) as told, _begun(trainer, out, resume):
         if method:
             write_json(out / RECIPE, dict(method))
-        told({"step": trainer.step_count, "n": trainer.optimizer.n})
+        notes = without_mask(config.masks, (view.name for view in dataset.views))
+        told({"step": trainer.step_count, "n": trainer.optimizer.n, "notes": notes})
         _train(trainer, out, told)
         told({"step": trainer.step_count, "n": trainer.optimizer.n, "measured": len(trainer.dataset.test)})
         with stopped_with(MEASURING):

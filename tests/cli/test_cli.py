@@ -106,7 +106,7 @@ def test_views_that_a_model_has_learned_from_are_told_where_they_are_measured(ca
     assert said in run(capsys, "prune", model, data, "-o", tmp_path / "small", "--split", "validation")[1]
 
 
-def test_train_says_that_masks_of_frames_are_not_followed_unless_masks_are_given(capsys, tmp_path):
+def test_train_says_which_masks_are_not_followed_and_which_images_have_none(capsys, tmp_path):
     file = transforms_folder(tmp_path / "data") / "transforms.json"
     content = json.loads(file.read_text())
     content["frames"][1]["mask_path"] = "masks/r_1.png"
@@ -117,8 +117,21 @@ def test_train_says_that_masks_of_frames_are_not_followed_unless_masks_are_given
     said = f'{file.parent}: not read: the "mask_path" of 1 of its frames, which --masks {file.parent / "masks"} would'
     status, printed, _ = run(capsys, *command)
     assert status == 0 and said in printed
-    status, printed, _ = run(capsys, *command, "--masks", file.parent / "masks")
+    masks, n = file.parent / "masks", len(content["frames"])
+    status, printed, _ = run(capsys, *command, "--masks", masks)
     assert status == 0 and "not read" not in printed
+    assert f"{masks}: no mask for {n - 1} of {n} images, such as r_0: all of their pixels count\n" in printed
+    for k in range(n):
+        write_png(masks / f"r_{k}.png", np.ones((15, 21), np.float32))
+    assert "no mask" not in run(capsys, *command, "--masks", masks)[1]
+
+
+def test_compare_says_what_of_its_data_is_not_read(capsys, tmp_path, monkeypatch):
+    file = transforms_folder(tmp_path / "data") / "transforms.json"
+    (file.parent / "images" / "dynamic_mask_r_1.png").touch()
+    monkeypatch.setattr("mi_dogsplat.compare.compare.compare", lambda *_, **__: {"failed": {}})
+    printed = run(capsys, "compare", file.parent, "-o", tmp_path / "compared")[1]
+    assert printed.startswith(f"{file.parent}: not read: the dynamic_mask_*.png of 1 of its images")
 
 
 def test_prune_makes_a_smaller_model_and_a_whole_run_folder(capsys, model, data, tmp_path):
@@ -155,6 +168,12 @@ def test_eval_with_masks_that_leave_nothing_to_measure_is_one_line(capsys, model
     command = ["eval", model, data, "--masks", tmp_path, "-o", tmp_path / "out"]
     assert_one_line(run(capsys, *command), str(tmp_path), "is black in every view")
     assert not (tmp_path / "out").exists()
+
+
+def test_eval_says_which_images_have_no_mask(capsys, model, data, tmp_path):
+    write_png(tmp_path / "1.png", np.ones((tiny_data.HEIGHT, tiny_data.WIDTH), np.float32))  # of a training view
+    said = f"{tmp_path}: no mask for 1 of 1 images, such as 0: all of their pixels count\n"
+    assert said in run(capsys, "eval", model, data, "--masks", tmp_path)[1]
 
 
 def test_eval_can_write_into_its_own_earlier_folder(capsys, model, data, tmp_path):

@@ -13,6 +13,7 @@ from ...support.errors import DataError
 from ...support.variants import set_variant
 from ...training.config import TrainConfig
 from ...training.target import require_below_cap
+from ..data_notes import say_what_is_not_read
 from ..errors import resumable
 from ..flags import DATA_HELP, add_settings, training_config
 from ..printing import say
@@ -84,6 +85,8 @@ def run(args: argparse.Namespace) -> int:
     set_variant(config.variant)
     from ...compare.compare import compare as run_comparison
 
+    for data in args.data:
+        say_what_is_not_read(data)
     with resumable():
         table = run_comparison(
             config, args.data, args.out, args.seeds, methods, cluster=args.cluster, workers=args.workers,

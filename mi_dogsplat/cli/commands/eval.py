@@ -40,6 +40,7 @@ def run(args: argparse.Namespace) -> None:
     """Metrics of a model on the test views of a data set (all views without a split); LPIPS where it is installed."""
     options = given_settings(PictureOptions, args)
     set_variant(args.variant)
+    from ...datasets.masks import without_mask
     from ...measure.evaluate import mean_metrics
     from ...runs.evaluation import evaluate_model
     from ...runs.learned_views import learned_from
@@ -50,5 +51,5 @@ def run(args: argparse.Namespace) -> None:
     )  # fmt: skip
     for name, values in {**views, "mean": mean_metrics(views)}.items():
         print(f"{printable(name):24s}{metrics_line(values)}")
-    for line in learned_from(args.model, args.data, views):
+    for line in (*without_mask(args.masks, views), *learned_from(args.model, args.data, views)):
         print(printable(line))
