@@ -10,13 +10,13 @@ from ..scene.splats import Array
 from .gltf_container import glb, gltf
 
 COMPONENTS = {"float32": 5126, "uint8": 5121, "uint32": 5125}
-KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 ATTRIBUTES, INDICES = 34962, 34963  # what a view of the buffer is for
 BYTES = np.dtype(np.uint8)  # colours, whose 255 is 1
 
 
 class Accessors:
-    """Arrays of a file, one behind the other in its buffer. Rows have 4 bytes or a multiple: all are aligned."""
+    """Arrays and pictures of a file, one behind the other in its buffer, each from a multiple of 4 bytes on."""
 
     def __init__(self) -> None:
         self.accessors: list[dict[str, Any]] = []
@@ -27,18 +27,22 @@ class Accessors:
     def add(self, values: Array, target: int = ATTRIBUTES, bounds: bool = False) -> int:
         """The number of the accessor of values [N, components], float32, uint8 or uint32; ``bounds``: with their
         least and largest, as glTF asks for of positions."""
-        raw = values.tobytes()
-        self._views.append({"buffer": 0, "byteOffset": self._at, "byteLength": len(raw), "target": target})
-        accessor: dict[str, Any] = {"bufferView": len(self.accessors), "componentType": COMPONENTS[values.dtype.name]}
+        accessor: dict[str, Any] = {"bufferView": self.view(values.tobytes(), target=target)}
+        accessor |= {"componentType": COMPONENTS[values.dtype.name]}
         accessor |= {"count": len(values), "type": KINDS[values.shape[1]]}
         if values.dtype == BYTES:
             accessor["normalized"] = True
         if bounds:
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         self.accessors.append(accessor)
-        self._parts.append(raw)
-        self._at += len(raw)
         return len(self.accessors) - 1
+
+    def view(self, raw: bytes, **more: Any) -> int:
+        """The number of the view of the buffer that holds these bytes, such as those of a picture."""
+        self._views.append({"buffer": 0, "byteOffset": self._at, "byteLength": len(raw), **more})
+        self._parts.append(raw + bytes(-len(raw) % 4))
+        self._at += len(self._parts[-1])
+        return len(self._views) - 1
 
     def file(self, primitive: dict[str, Any], matrix: Array, used: list[str], binary: bool, **more: Any) -> bytes:
         """The bytes of a file with one primitive.

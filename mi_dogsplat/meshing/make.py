@@ -37,8 +37,8 @@ def make_mesh(
     options: PictureOptions = PictureOptions(),
     show: Callable[[int, int], None] | None = None,
 ) -> Meshed:
-    """Write the surface of a model as triangles with colours, in the coordinates of the model; a glTF or OpenUSD
-    upright and in metres, as far as the model says.
+    """Write the surface of a model as triangles with colours or a texture, in the coordinates of the model; a glTF or
+    OpenUSD upright and in metres, as far as the model says.
 
     Args:
         model: the model, of any format.
@@ -52,7 +52,7 @@ def make_mesh(
     """
     require_arrays()
     model, out = Path(model), Path(out)
-    write = writer_of(out)
+    write = writer_of(out, texture=config.texture is not None)
     config.require_use(own_views=bool(data))
     options.require_use(images=bool(data), pictures=True)
     read = read_source(model, out, "mesh")

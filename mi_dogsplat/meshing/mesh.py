@@ -12,6 +12,16 @@ from ..scene.splats import Array
 
 
 @dataclass(frozen=True)
+class Texture:
+    """A picture that lies on a mesh."""
+
+    uv: Array
+    """[V, 2] where each vertex is in it, 0..1: to the right, and down from the top"""
+    pixels: Array
+    """[H, W, 3] display-referred, 0..1"""
+
+
+@dataclass(frozen=True)
 class Mesh:
     """Triangles in the coordinates of the model; seen from outside their corners go counterclockwise."""
 
@@ -21,6 +31,8 @@ class Mesh:
     """[F, 3] int, rows of ``vertices``"""
     colors: Array | None = None
     """[V, 3] display-referred, 0..1; None: not known"""
+    texture: Texture | None = None
+    """in place of ``colors``"""
 
     def parts(self) -> Array:
         """[F] which connected part each face is in, counted from 0; parts that share a vertex are one."""
@@ -34,7 +46,9 @@ class Mesh:
         """The mesh of the faces ``keep`` [F] (bool), and the vertices that these have, in their order."""
         used, faces = np.unique(self.faces[keep], return_inverse=True)
         colors = None if self.colors is None else self.colors[used]
-        return replace(self, vertices=self.vertices[used], faces=faces.reshape(-1, 3), colors=colors)
+        texture = None if self.texture is None else replace(self.texture, uv=self.texture.uv[used])
+        vertices, faces = self.vertices[used], faces.reshape(-1, 3)
+        return replace(self, vertices=vertices, faces=faces, colors=colors, texture=texture)
 
     def without_crumbs(self, least: int, most_parts: int | None = None) -> Mesh:
         """The mesh without parts of fewer than ``least`` faces; if asked, with the largest ``most_parts`` alone."""

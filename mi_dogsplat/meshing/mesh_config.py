@@ -13,6 +13,7 @@ REACH = "how far from the middle of the model there is a mesh, in radii of the m
 MIN_FACES = "leave out connected parts with fewer triangles"
 CONNECTED = "keep the N connected parts with most triangles"
 FACES = "simplify the mesh to N triangles, where it has more"
+TEXTURE = "colours in a picture of N x N pixels, in .obj and glTF, in place of one for each vertex; needs --faces"
 VIEWS = "views to fuse, from around the model and from within; --data has its own"
 SIZE = "width and height of these views, in pixels"
 INSIDE = "share of these views that is from free places within the model; 1 for a room"
@@ -27,12 +28,15 @@ class MeshConfig:
     min_faces: Annotated[int, Setting(MIN_FACES, least=1)] = 100
     connected: Annotated[int | None, Setting(CONNECTED, least=1)] = None
     faces: Annotated[int | None, Setting(FACES, least=4)] = None
+    texture: Annotated[int | None, Setting(TEXTURE, least=64, most=16_384)] = None
     views: Annotated[int, Setting(VIEWS, least=1)] = 96
     size: Annotated[tuple[int, int], Setting(SIZE, "W H")] = (640, 480)
     inside: Annotated[float, Setting(INSIDE, least=0, most=1)] = 0.5
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.texture is not None and self.faces is None:
+            refuse("texture", "needs few triangles", "give --faces, 20000 for instance, as well")
         if not 16 <= min(self.size) <= max(self.size) <= 16_384:
             refuse("size", f"{self.size[0]} x {self.size[1]} is out of range", "use 16 to 16384 pixels")
 

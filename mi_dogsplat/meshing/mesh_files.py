@@ -1,4 +1,4 @@
-"""Meshes as files that Blender, Mitsuba and everything else reads, with colours of vertices.
+"""Meshes as files that Blender, Mitsuba and everything else reads, with colours of vertices or a texture.
 
 In PLY and Wavefront OBJ they are in the coordinates of the model. glTF and OpenUSD have y up and are in metres, as the
 model has it in these formats: so both lie on each other in one scene.
@@ -9,8 +9,10 @@ model has it in these formats: so both lie on each other in one scene.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,20 +26,25 @@ from ..scene.ply_tables import RGB
 from ..support.errors import DataError
 from ..support.files import write_bytes
 from ..support.srgb import srgb_to_linear
-from .mesh import Mesh
+from .mesh import Mesh, Texture
 
 UNLIT = "KHR_materials_unlit"
+SMOOTH = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}  # trilinear, and no second copy beside
+QUALITY = {"quality": 95, "subsampling": 0}  # of JPEG
 Writer = Callable[[Path, Mesh, Drawing], None]
 """writes a mesh of a model of which that is said"""
 
 
-def writer_of(path: Path) -> Writer:
-    """What writes a mesh to a file of this name.
+def writer_of(path: Path, texture: bool = False) -> Writer:
+    """What writes a mesh, or one with a texture, to a file of this name.
 
     Raises ``DataError`` for a name of another format, and where the library of OpenUSD is missing.
     """
     if (write := WRITERS.get(path.suffix.lower())) is None:
         raise DataError(path, "no known mesh format", f"name a file that ends in {', '.join(WRITERS)}")
+    if texture and write not in WITH_TEXTURE:
+        names = ", ".join(name for name, written in WRITERS.items() if written in WITH_TEXTURE)
+        raise DataError(path, "has no place for a texture", f"name a file that ends in {names}")
     if write is write_usd:
         require_package(path)
     return write
@@ -62,28 +69,52 @@ def write_ply(path: Path, mesh: Mesh, _: Drawing) -> None:
 
 
 def write_obj(path: Path, mesh: Mesh, _: Drawing) -> None:
-    """Text; colours stand behind the positions, as MeshLab and Blender have it."""
+    """Text; colours stand behind the positions, as MeshLab and Blender have it. A texture lies beside it: ``NAME.mtl``,
+    and the picture that this names, ``NAME_texture.jpg``."""
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.tolist()]  # all that float32 tells apart
-    if mesh.colors is not None:
+    corner, beside = "{0}", dict[Path, bytes]()
+    if mesh.texture is not None:
+        corner, picture, material = "{0}/{0}", path.with_name(f"{path.stem}_texture.jpg"), path.with_suffix(".mtl")
+        said = f"newmtl surface\nKa 1 1 1\nKd 1 1 1\nillum 0\nmap_Kd {picture.name}\n"  # no light falls on it
+        beside = {picture: _picture(mesh.texture), material: said.encode()}
+        lines = [f"mtllib {material.name}", *lines, "usemtl surface"]
+        lines += [f"vt {u:.7g} {1 - v:.7g}" for u, v in mesh.texture.uv.tolist()]  # up from the bottom
+    elif mesh.colors is not None:
         lines = [f"{line} {r:.4g} {g:.4g} {b:.4g}" for line, (r, g, b) in zip(lines, mesh.colors.tolist(), strict=True)]
-    lines += ["f {} {} {}".format(*face) for face in (mesh.faces + 1).tolist()]
-    write_bytes(path, ("\n".join(lines) + "\n").encode())
+    lines += [" ".join(("f", *(corner.format(k) for k in face))) for face in (mesh.faces + 1).tolist()]
+    new = [file for file in beside if not file.exists()]
+    try:
+        for file, content in beside.items():
+            write_bytes(file, content)
+        write_bytes(path, ("\n".join(lines) + "\n").encode())
+    except DataError:
+        for file in new:
+            file.unlink(missing_ok=True)
+        raise
 
 
 def write_gltf(path: Path, mesh: Mesh, drawing: Drawing) -> None:
-    """glTF 2.0, .glb or .gltf, with linear colours, which are those of its surface under the light of the photographs:
-    so no other light falls on it (``KHR_materials_unlit``). Both of its sides are seen."""
+    """glTF 2.0, .glb or .gltf, with linear colours or a texture, which are those of its surface under the light of the
+    photographs: so no other light falls on it (``KHR_materials_unlit``). Both of its sides are seen."""
     accessors = Accessors()
     points = (mesh.vertices * np.array(LUF[0])).astype(np.float32)  # half a turn: corners keep their order
     attributes = {"POSITION": accessors.add(points, bounds=True)}
     if mesh.colors is not None:
         attributes["COLOR_0"] = accessors.add(srgb_to_linear(mesh.colors).astype(np.float32))
+    dull: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}  # in programs that light it all the same
+    more: dict[str, Any] = {}
+    if mesh.texture is not None:
+        attributes["TEXCOORD_0"] = accessors.add(mesh.texture.uv.astype(np.float32))
+        view = accessors.view(_picture(mesh.texture))
+        more = {"images": [{"bufferView": view, "mimeType": "image/jpeg"}], "samplers": [SMOOTH]}
+        more["textures"] = [{"source": 0, "sampler": 0}]
+        dull["baseColorTexture"] = {"index": 0}
     indices = accessors.add(mesh.faces.astype(np.uint32).reshape(-1, 1), INDICES)
-    dull = {"metallicFactor": 0, "roughnessFactor": 1}  # in programs that light it all the same
     material = {"pbrMetallicRoughness": dull, "doubleSided": True, "extensions": {UNLIT: {}}}
     primitive = {"attributes": attributes, "indices": indices, "material": 0}
     binary = path.suffix.lower() == ".glb"
-    write_bytes(path, accessors.file(primitive, placing(drawing, LUF), [UNLIT], binary, materials=[material]))
+    more["materials"] = [material]
+    write_bytes(path, accessors.file(primitive, placing(drawing, LUF), [UNLIT], binary, **more))
 
 
 def write_usd(path: Path, mesh: Mesh, drawing: Drawing) -> None:
@@ -105,5 +136,15 @@ def write_usd(path: Path, mesh: Mesh, drawing: Drawing) -> None:
     write_stage(path, stage)
 
 
+def _picture(texture: Texture) -> bytes:
+    """A JPEG."""
+    from PIL import Image
+
+    pixels, file = np.rint(255 * np.clip(texture.pixels, 0, 1)).astype(np.uint8), io.BytesIO()
+    Image.fromarray(pixels).save(file, "JPEG", **QUALITY)
+    return file.getvalue()
+
+
+WITH_TEXTURE = (write_obj, write_gltf)
 WRITERS: dict[str, Writer] = {".ply": write_ply, ".obj": write_obj, **dict.fromkeys((".glb", ".gltf"), write_gltf),
                              **dict.fromkeys(NAMES, write_usd)}  # fmt: skip

@@ -1,5 +1,4 @@
-"""The surface that cameras see of a model: views, blocks, distances, triangles, colours, fewer triangles, one after the
-other."""
+"""The surface that cameras see of a model: views, blocks, distances, triangles, fewer triangles, colours."""
 
 from __future__ import annotations
 
@@ -21,8 +20,9 @@ from .mesh import Mesh
 from .mesh_config import MeshConfig
 from .seen_blocks import TRUNCATION, seen_blocks
 from .simplification import simplified
+from .surface_colors import UNSEEN, surface_colors
 from .surface_views import SurfaceViews
-from .vertex_colors import vertex_colors
+from .texture import textured
 
 VOXELS_OF_RADIUS = 128
 STEPS_OF_VOXEL = 4  # at least: of the positions that float32, as models and meshes have it, tells apart
@@ -41,7 +41,7 @@ def surface_of(
     Args:
         cameras: V >= 1 of them.
         drawn: how the model is drawn.
-        config: its ``voxel``, ``reach``, ``min_faces``, ``connected`` and ``faces``.
+        config: its ``voxel``, ``reach``, ``min_faces``, ``connected``, ``faces`` and ``texture``.
         show: as in ``make_mesh``.
 
     Raises ``DataError`` where there would be too many voxels, or no part that is large enough.
@@ -65,7 +65,11 @@ def surface_of(
         most = counted(int(np.bincount(mesh.parts()).max()), "triangle")
         problem = f"{config.min_faces} is too many: no part has more than {most}"
         refuse("min_faces", problem, "use fewer, or a smaller --voxel")
-    kept = replace(kept, colors=vertex_colors(kept.vertices, views, TRUNCATION * voxel, tell))
+    if config.texture is not None and config.faces is not None:
+        few = simplified(kept, config.faces)
+        return textured(few, config.texture, views, TRUNCATION * voxel, tell), voxel
+    colors = surface_colors(kept.vertices, views, TRUNCATION * voxel, tell)
+    kept = replace(kept, colors=np.where(np.isfinite(colors), colors, UNSEEN))
     return kept if config.faces is None else simplified(kept, config.faces), voxel
 
 

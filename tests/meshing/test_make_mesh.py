@@ -1,5 +1,6 @@
 """``dogsplat mesh``: the surface of a model of known shape and colours; bad input in a line."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
+from mi_dogsplat.formats.gltf_container import Container
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.meshing.make import make_mesh
@@ -18,6 +20,7 @@ from mi_dogsplat.scene.drawing import Drawing, DrawnAs
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from PIL import Image
 from splat_scenes import make_splats, rounded
 
 RADIUS, CENTRE = 0.7, np.array([0.2, -0.1, 0.3])
@@ -82,6 +85,20 @@ def test_a_ball_of_few_triangles_is_that_ball(model, tmp_path, capsys):
     z = positions[:, 2] - CENTRE[2]
     np.testing.assert_allclose(colors[z > 0.2].mean(axis=0), [1, 0.1, 0], atol=0.05)
     np.testing.assert_allclose(colors[z < -0.2].mean(axis=0), [0, 0.2, 1], atol=0.05)
+
+
+def test_a_ball_of_few_triangles_has_its_colours_in_a_texture(model, tmp_path, capsys):
+    out = tmp_path / "surface.glb"
+    meshed(capsys, model, out, "--voxel", "0.06", "--faces", "300", "--texture", "128")
+    file = Container.open(out)
+    attributes = file.content["meshes"][0]["primitives"][0]["attributes"]
+    points, uv = (file.accessor(attributes[name]) for name in ("POSITION", "TEXCOORD_0"))
+    picture = np.asarray(Image.open(io.BytesIO(file.view(file.content["images"][0]["bufferView"]))))
+    assert picture.shape == (128, 128, 3)
+    column, row = np.clip((128 * uv).astype(int), 0, 127).T
+    z = points[:, 2] - CENTRE[2]
+    np.testing.assert_allclose(picture[row, column][z > 0.2].mean(axis=0) / 255, [1, 0.1, 0], atol=0.07)
+    np.testing.assert_allclose(picture[row, column][z < -0.2].mean(axis=0) / 255, [0, 0.2, 1], atol=0.07)
 
 
 def test_the_voxel_follows_the_size_of_the_model(model, tmp_path, capsys):
@@ -149,6 +166,16 @@ def test_bad_input_is_one_line_and_nothing_is_written(model, tmp_path, capsys):
             "100",
         ],
         "--min-faces: 999999 is too many": [model, "-o", tmp_path / "o.ply", "--voxel", "0.1", "--min-faces", "999999"],
+        "--texture: needs few triangles; give --faces": [model, "-o", tmp_path / "o.glb", "--texture", "512"],
+        "o.ply: has no place for a texture": [
+            model,
+            "-o",
+            tmp_path / "o.ply",
+            "--texture",
+            "512",
+            "--faces",
+            "400",
+        ],
         "is the model itself": [model, "-o", model],
         "there are no images to shrink": [model, "-o", tmp_path / "o.ply", "--downscale", "2"],
         "no such": [model, "-o", tmp_path / "o.ply", "--data", tmp_path / "nowhere"],

@@ -3,6 +3,9 @@
 # pyright: reportAttributeAccessIssue=false
 # (the library of OpenUSD has no types)
 
+import io
+
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -11,11 +14,12 @@ from mi_dogsplat.formats.gltf_container import Container, matrix_of
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.usd_files import NAMES
 from mi_dogsplat.formats.write import write_model
-from mi_dogsplat.meshing.mesh import Mesh
+from mi_dogsplat.meshing.mesh import Mesh, Texture
 from mi_dogsplat.meshing.mesh_files import WRITERS, writer_of
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import linear_to_srgb
+from PIL import Image
 from pxr import Usd, UsdGeom, UsdValidation
 from splat_scenes import make_splats, rounded
 
@@ -100,6 +104,62 @@ def test_gltf_has_it_upright_and_in_metres(suffix, colors, tmp_path):
     assert ("COLOR_0" in found) == (colors is not None)
     if colors is not None:
         np.testing.assert_allclose(linear_to_srgb(found["COLOR_0"]), COLORS, atol=1e-6)
+
+
+UV = np.array([[0.125, 0.25], [0.875, 0.25], [0.125, 0.75], [0.5, 0.5]])
+QUARTERS = np.kron([[[0.8, 0.2, 0.2], [0.2, 0.8, 0.2]], [[0.2, 0.2, 0.8], [0.8, 0.8, 0.2]]], np.ones((32, 32, 1)))
+PAINTED = Mesh(VERTICES, FACES, texture=Texture(UV, QUARTERS))
+
+
+def test_mitsuba_shows_the_texture_of_an_obj_where_it_lies(tmp_path):
+    """Uncommented names of materials mean nothing to Mitsuba: the picture is named in the scene."""
+    path = tmp_path / "a mesh.obj"
+    writer_of(path, texture=True)(path, PAINTED, Drawing())
+    picture = tmp_path / "a mesh_texture.jpg"
+    said = (tmp_path / "a mesh.mtl").read_text().splitlines()
+    assert f"map_Kd {picture.name}" in said and f"newmtl {path.read_text().split('usemtl ')[1].split()[0]}" in said
+    assert path.read_text().startswith("mtllib a mesh.mtl\n")
+    mesh = mi.load_dict({"type": "obj", "filename": str(path)})
+    texture = mi.load_dict({"type": "bitmap", "filename": str(picture), "raw": True, "filter_type": "nearest"})
+    params, found = mi.traverse(mesh), dr.zeros(mi.SurfaceInteraction3f, 4)
+    positions = np.array(params["vertex_positions"]).reshape(-1, 3)
+    found.uv = mi.Point2f(np.array(params["vertex_texcoords"]).reshape(-1, 2).T)
+    shown = np.array(texture.eval(found)).T
+    for position, color in zip(positions, shown, strict=True):
+        u, v = UV[abs(VERTICES - position).sum(axis=1).argmin()]
+        np.testing.assert_allclose(color, QUARTERS[int(64 * v), int(64 * u)], atol=0.02)
+
+
+def test_without_an_obj_nothing_of_its_texture_is_left(tmp_path):
+    path = tmp_path / "mesh.obj"
+    path.mkdir()
+    with pytest.raises(DataError, match="mesh.obj"):
+        writer_of(path, texture=True)(path, PAINTED, Drawing())
+    assert [*tmp_path.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+def test_gltf_holds_its_texture(suffix, tmp_path):
+    path = tmp_path / f"mesh{suffix}"
+    writer_of(path, texture=True)(path, PAINTED, Drawing())
+    file, _, found, _ = read_gltf(path)
+    np.testing.assert_allclose(found["TEXCOORD_0"], UV, atol=1e-7)  # glTF, too, counts down from the top
+    assert "COLOR_0" not in found and [entry.name for entry in tmp_path.iterdir()] == [path.name]
+    content = file.content
+    shown = content["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]
+    image = content["images"][content["textures"][shown["index"]]["source"]]
+    picture = Image.open(io.BytesIO(file.view(image["bufferView"])))
+    assert picture.format == "JPEG" and image["mimeType"] == "image/jpeg"
+    np.testing.assert_allclose(np.asarray(picture) / 255, QUARTERS, atol=0.02)
+    assert all(view["byteOffset"] % 4 == 0 for view in content["bufferViews"])
+
+
+@pytest.mark.parametrize("suffix", [".ply", *NAMES])
+def test_formats_without_textures_are_one_line(suffix, tmp_path):
+    path = tmp_path / f"mesh{suffix}"
+    said = rf"mesh{suffix}: has no place for a texture; name a file that ends in .obj, .glb"
+    with pytest.raises(DataError, match=said):
+        writer_of(path, texture=True)
 
 
 @pytest.mark.parametrize("suffix", NAMES)

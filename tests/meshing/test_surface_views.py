@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from mi_dogsplat.meshing.surface_colors import surface_colors
 from mi_dogsplat.meshing.surface_views import SurfaceViews, points_of
-from mi_dogsplat.meshing.vertex_colors import UNSEEN, vertex_colors
 from mi_dogsplat.render.picture import Picture
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.radiance import brightened
@@ -64,6 +64,6 @@ def test_a_vertex_has_no_colour_of_a_pixel_without_a_surface():
     camera = make_camera(WIDTH, HEIGHT, 60.0)
     views = SurfaceViews.of(wall(0.3), [camera], DrawnAs(near_clip=0.01))
     vertices = np.array([[0, 0, 0.05]])
-    np.testing.assert_array_equal(vertex_colors(vertices, views, 0.2, lambda: None), UNSEEN)
+    assert np.isnan(surface_colors(vertices, views, 0.2, lambda: None)).all()
     there = SurfaceViews.of(wall(0.9, 0.25, 0.1), [camera], DrawnAs(near_clip=0.01))
-    np.testing.assert_allclose(vertex_colors(vertices, there, 0.2, lambda: None), 0.25, atol=2e-3)
+    np.testing.assert_allclose(surface_colors(vertices, there, 0.2, lambda: None), 0.25, atol=2e-3)

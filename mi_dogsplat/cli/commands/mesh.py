@@ -23,11 +23,13 @@ Examples:
                                                               its largest part, finer or coarser
   dogsplat mesh model.ply -o surface.glb --faces 20000        few triangles, upright and in metres, as far as
                                                               the model says
+  dogsplat mesh model.ply -o surface.glb --faces 20000 --texture 2048
+                                                              their colours in a picture, for games and the web
 
 For what splats cannot do themselves: a ball that rolls over them, a shadow that falls on them in another
 renderer. Depth pictures of the model are fused to a signed distance, and marching cubes make triangles of it.
 The mesh lies in the coordinates of the model, in glTF and OpenUSD upright and in metres. Its vertices have
-colours.
+colours, or it has a texture.
 """
 
 OF_FILE = "(default: as the file says; without --data a hundredth of the radius of the model, if that is less)"
