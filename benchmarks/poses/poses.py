@@ -13,6 +13,7 @@ import re
 import shutil
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
@@ -21,6 +22,7 @@ from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.colmap import find_model, load_colmap, read_sources
 from mi_dogsplat.datasets.frame_cameras import intrinsics_of
 from mi_dogsplat.datasets.point_ply import write_point_ply
+from mi_dogsplat.datasets.refined import write_refined
 from mi_dogsplat.datasets.scene_file import load_scene
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.run import find_poses
@@ -31,14 +33,15 @@ from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from PIL import Image
 
-from .filmed_scene import film, textured_room, write_video
+from .closed_room import closed_room
+from .filmed_scene import film, write_video
 from .pose_error import PoseError, alignment, pose_error
 from .traced_panoramas import exact_cameras, panorama, places
 from .world_error import world_error
 
 SCENE = Path(__file__).parents[2] / "scenes" / "demo_truth.xml"
 WIDTH, HEIGHT, FRAMES, SHUTTER, SPP = 640, 480, 96, 3, 9
-PANORAMA = 768  # pixels across
+PANORAMA, PLACES = 1024, 24  # pixels across, panoramas
 
 
 def main(argv: list[str]) -> None:
@@ -46,7 +49,7 @@ def main(argv: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks poses", description=__doc__)
     parser.add_argument("--data", type=Path, nargs="*", default=[], help="COLMAP folders whose poses are thrown away")
     parser.add_argument("--film", action="store_true", help="also a video made of scenes/demo_truth.xml")
-    parser.add_argument("--panoramas", action="store_true", help="also panoramas of a textured room")
+    parser.add_argument("--panoramas", action="store_true", help="also panoramas of a furnished room")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for what is found and trained")
     parser.add_argument("--steps", type=int, default=2000, help="of the trainings; 0: none")
     parser.add_argument("--downscale", type=int, default=4)
@@ -63,9 +66,14 @@ def main(argv: list[str]) -> None:
         print(_row("film", top / "walk.mp4", exact, None, top, args), flush=True)
     if args.panoramas:
         for name, source, exact in panoramas(args.out):
-            summary = find_poses(source, args.out / f"{name} posed", PosesConfig(lens="EQUIRECTANGULAR"))
+            posed = args.out / f"{name} posed"
+            summary = find_poses(source, posed, PosesConfig(lens="EQUIRECTANGULAR"))
             print("\n".join(summary.lines()))
-            print(_found(name, summary, pose_error(exact, _cameras(args.out / f"{name} posed"))), flush=True)
+            row = _found(name, summary, pose_error(exact, _cameras(posed)))
+            if args.steps:
+                folders = {"given": _exact_panoramas(args.out / f"{name} exact", exact, posed), "found": posed}
+                row += _trained(folders, args.out / f"{name} run", args.steps, 1)
+            print(row, flush=True)
 
 
 def _row(name: str, source: Path, exact: dict[str, Camera], data: Path | None, top: Path, args) -> str:
@@ -77,12 +85,20 @@ def _row(name: str, source: Path, exact: dict[str, Camera], data: Path | None, t
         lengths = f"{world.one_mark:.2%} ({world.refused:.0%} of them refused), in two {world.two_marks:.2%}"
         print(f"{name}: up off by {world.up:.2f} deg; lengths by points marked in one image {lengths}")
     data = data or _exact_data(top, exact, found)
-    psnr = {"given": np.nan, "found": np.nan}
-    for which, path in {"given": data, "found": top / "posed"}.items() if args.steps else ():
-        config = TrainConfig(data=str(path), steps=args.steps, downscale=args.downscale)
-        psnr[which] = train(config, top / f"run_{which}")["test"]["psnr"]
     print("\n".join(summary.lines()))
-    return f"{_found(name, summary, error)}; PSNR given {psnr['given']:.2f} dB, found {psnr['found']:.2f} dB"
+    row = _found(name, summary, error)
+    if args.steps:
+        row += _trained({"given": data, "found": top / "posed"}, top / "run", args.steps, args.downscale)
+    return row
+
+
+def _trained(folders: dict[str, Path], run: Path, steps: int, downscale: int) -> str:
+    """Test PSNR of a training from each folder of data."""
+    psnr = {}
+    for which, data in folders.items():
+        config = TrainConfig(data=str(data), steps=steps, downscale=downscale)
+        psnr[which] = train(config, run.with_name(f"{run.name}_{which}"))["test"]["psnr"]
+    return "; PSNR " + ", ".join(f"{which} {db:.2f} dB" for which, db in psnr.items())
 
 
 def _found(name: str, summary: Summary, error: PoseError) -> str:
@@ -123,14 +139,14 @@ def film_scene(path: Path) -> dict[str, Camera]:
 
 
 def panoramas(top: Path) -> Iterator[tuple[str, Path, dict[str, Camera]]]:
-    """(name, folder or video, exact cameras of its views) of panoramas of a room, half of which is empty."""
-    scene, folder, video = textured_room(), top / "panoramas", top / "walk360.mp4"
+    """(name, folder or video, exact cameras of its views) of panoramas of a room."""
+    scene, folder, video = closed_room(), top / "panoramas", top / "walk360.mp4"
     folder.mkdir(parents=True, exist_ok=True)
-    c2ws = places(8)
+    c2ws = places(PLACES)
     for k, c2w in enumerate(c2ws):
         Image.fromarray(panorama(scene, c2w, PANORAMA, SPP)).save(folder / f"IMG_{k}.png")
     yield "panoramas", folder, exact_cameras(c2ws, PANORAMA)
-    walked = places(8, 4)
+    walked = places(PLACES, 2)
     write_video(video, (panorama(scene, c2w, PANORAMA, SPP) for c2w in walked))
     exact = exact_cameras(walked, PANORAMA)
     yield "panorama video", video, {re.sub(r"IMG_(\d+)", _frame, name): camera for name, camera in exact.items()}
@@ -138,6 +154,15 @@ def panoramas(top: Path) -> Iterator[tuple[str, Path, dict[str, Camera]]]:
 
 def _frame(numbered: re.Match) -> str:
     return f"frame_{int(numbered[1]):06d}"
+
+
+def _exact_panoramas(out: Path, exact: dict[str, Camera], posed: Path) -> Path:
+    """The same views in the same split with their exact poses, and the points that were found, moved there."""
+    out.mkdir(exist_ok=True)
+    dataset, move = load_colmap(posed, 1), alignment(exact, _cameras(posed))
+    moved = replace(dataset, points=move.points(dataset.points).astype(np.float32))
+    write_refined(out, moved, posed, {name: camera.w2c for name, camera in exact.items()})
+    return out
 
 
 def _exact_data(top: Path, exact: dict[str, Camera], found: dict[str, Camera]) -> Path:

@@ -15,7 +15,7 @@ from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 MODULES = {"pillow": "PIL", "zstandard": "zstandard", "flip-evaluator": "flip_evaluator", "scikit-image": "skimage",
-           "fast-simplification": "fast_simplification"}  # fmt: skip
+           "fast-simplification": "fast_simplification", "xatlas": "xatlas"}  # fmt: skip
 MODULES |= {name: name for name in ("scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
 MODULES |= {name: name for name in ("threadpoolctl", "pycolmap", "av")} | {"usd-core": "pxr"}
 HIDDEN = sorted(MODULES.values())
@@ -142,7 +142,7 @@ def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, 
     [
         ("export", 'sys.exit(any(main(["export", model, "-o", out + end]) for end in ends))', [".spz", ".sog"]),
         ("film", 'sys.exit(any(main(["film", model, "-o", out + end, *short]) for end in ends))', [".mp4", ""]),
-        ("mesh", 'sys.exit(main(["mesh", model, "-o", out + ".ply", *few]))', [".ply"]),
+        ("mesh", 'sys.exit(main(["mesh", model, "-o", out + ".glb", *few]))', [".glb"]),
         ("view", "import mi_dogsplat.viewer.server; open(out, 'w').close()", [""]),
     ],
     ids=["SPZ and SOG", "video and numbered pictures", "mesh", "viewer"],
@@ -150,7 +150,7 @@ def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, 
 def test_an_extra_has_all_that_its_commands_need(model, tmp_path, extra, code, ends):
     hidden = sorted({MODULES[name] for name in set(MODULES) - requirements(extra)} - BEHIND_VIEW.get(extra, set()))
     said = "from mi_dogsplat.cli import main; _, model, out = sys.argv; short = '--seconds .1 --size 32 32'.split()\n"
-    said += "few = '--views 4 --size 32 24 --min-faces 1 --faces 4'.split()\n"
+    said += "few = '--views 4 --size 32 24 --min-faces 1 --faces 4 --texture 64'.split()\n"
     done = core(f"{said}ends = {ends}\n{code}", model, tmp_path / "out", hidden=hidden)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in tmp_path.glob("out*")} >= {f"out{end}" for end in ends}

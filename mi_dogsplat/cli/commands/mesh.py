@@ -24,7 +24,7 @@ Examples:
   dogsplat mesh model.ply -o surface.glb --faces 20000        few triangles, upright and in metres, as far as
                                                               the model says
   dogsplat mesh model.ply -o surface.glb --faces 20000 --texture 2048
-                                                              their colours in a picture, for games and the web
+                                                              their colours in a picture, for games and web
 
 For what splats cannot do themselves: a ball that rolls over them, a shadow that falls on them in another
 renderer. Depth pictures of the model are fused to a signed distance, and marching cubes make triangles of it.
