@@ -5,7 +5,7 @@ EXPERIMENTS = {
     "engine": ("cuts", "dog_share", "loss", "million", "mixed_sh", "scaling", "shifts", "slopes"),
     "processors": ("device_memory", "floor", "launches", "warps", "widths"),
     "renderers": ("ellipsoids", "renderers"),
-    "numerics": ("curvature", "derivatives", "poison", "popping", "stiffness", "surfaces"),
+    "numerics": ("curvature", "derivatives", "poison", "popping", "stiffness", "surfaces", "textures"),
     "training": (
         *("appearance", "disagreement", "dog_start", "hdr", "misfits", "preconditioning", "rate_distortion"),
         *("scene_scale", "second_order", "simplify", "stretched"),

@@ -1,10 +1,12 @@
-"""Makes docs/pictures/mesh.png: a model, and the mesh that ``dogsplat mesh`` makes of it, shaded and with its colours.
+"""Makes docs/pictures/mesh.png: a model, and the mesh that ``dogsplat mesh`` makes of it, shaded and with its colours;
+below it one of few triangles, and with a texture.
 
 ``python -m scripts.pictures.mesh``; the model is ../shared/data/models/playbot_lod2_sh2.ply ("PLAYBOT" by Stephane
 Agullo, CC-BY-4.0).
 """
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,9 @@ import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.meshing.mesh import Mesh
 from mi_dogsplat.meshing.mesh_config import MeshConfig
-from mi_dogsplat.meshing.mesh_files import write_ply
+from mi_dogsplat.meshing.mesh_files import write_obj, write_ply
 from mi_dogsplat.meshing.surface import surface_of
 from mi_dogsplat.render.framing import automatic_camera
 from mi_dogsplat.render.panels import labelled
@@ -30,6 +33,7 @@ MODEL = Path(__file__).parents[3] / "shared" / "data" / "models" / "playbot_lod2
 WIDTH, HEIGHT = 480, 360  # pixels of a picture
 BACKGROUND = 0.08  # grey
 CONFIG = MeshConfig(inside=0)
+FACES, TEXTURE = 5000, 1024
 
 
 def main() -> None:
@@ -37,18 +41,42 @@ def main() -> None:
     read = read_model(MODEL)
     splats, drawn = read.splats, drawn_as(read.drawing, read.drawing)
     cameras = vantage_cameras(splats, CONFIG.views, CONFIG.size, 0, CONFIG.inside, read.drawing.up)
-    mesh, voxel = surface_of(splats, cameras, drawn, CONFIG)
+    whole, few, textured = (
+        surface_of(splats, cameras, drawn, replace(CONFIG, faces=faces, texture=texture))[0]
+        for faces, texture in ((None, None), (FACES, None), (FACES, TEXTURE))
+    )
     camera = automatic_camera(splats, read.drawing.up).resized(WIDTH, HEIGHT)
     picture = picture_of(splats, BACKGROUND, drawn)(camera)
+    grey, colored, few_grey, few_colored = (*looks(whole, camera), *looks(few, camera))
+    write_rows("mesh.png", [
+        [
+            labelled(picture.color, f"{splats.n_splats:,} primitives"),
+            labelled(grey, f"{len(whole.faces):,} triangles"),
+            labelled(colored, "the colours of their vertices"),
+        ],
+        [
+            labelled(few_grey, f"{len(few.faces):,} triangles"),
+            labelled(few_colored, "the colours of their vertices"),
+            labelled(with_texture(textured, camera), f"their texture of {TEXTURE}x{TEXTURE} pixels"),
+        ],
+    ])  # fmt: skip
+
+
+def looks(mesh: Mesh, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """[H, W, 3] shaded, and in the colours of its vertices."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "mesh.ply"
         write_ply(path, mesh, Drawing())
-        grey, colored = shaded(path, camera), of_vertices(path, camera)
-    write_rows("mesh.png", [[
-        labelled(picture.color, f"{splats.n_splats:,} primitives"),
-        labelled(grey, f"{len(mesh.faces):,} triangles, a voxel is {voxel:.2g}"),
-        labelled(colored, "the colours of its vertices"),
-    ]])  # fmt: skip
+        colors = {"type": "mesh_attribute", "name": "vertex_color", "scale": 1 / 255}
+        return shaded(path, camera), unlit(path, camera, colors)
+
+
+def with_texture(mesh: Mesh, camera: Camera) -> np.ndarray:
+    """[H, W, 3]"""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mesh.obj"
+        write_obj(path, mesh, Drawing())
+        return unlit(path, camera, {"type": "bitmap", "filename": f"{folder}/mesh_texture.jpg", "raw": True})
 
 
 def shaded(path: Path, camera: Camera) -> np.ndarray:
@@ -61,9 +89,8 @@ def shaded(path: Path, camera: Camera) -> np.ndarray:
     return linear_to_srgb(film[..., :3]) + BACKGROUND * (1 - film[..., 3:4])
 
 
-def of_vertices(path: Path, camera: Camera) -> np.ndarray:
-    """[H, W, 3] in its own colours, which are sRGB values of 0 to 255, without light."""
-    colors = {"type": "mesh_attribute", "name": "vertex_color", "scale": 1 / 255}
+def unlit(path: Path, camera: Camera, colors: dict[str, Any]) -> np.ndarray:
+    """[H, W, 3] in its own colours, sRGB, without light."""
     film = rendered(path, camera, colors, {"type": "aov", "aovs": "color:albedo,z:depth"})
     return np.where(film[..., -1:] > 0, film[..., -4:-1], BACKGROUND)
 
@@ -73,7 +100,7 @@ def rendered(path: Path, camera: Camera, reflectance: dict[str, Any], integrator
     sensor = camera_to_mitsuba(camera)
     sensor["film"]["pixel_format"] = "rgba"
     bsdf = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": reflectance}}
-    mesh = {"type": "ply", "filename": str(path), "bsdf": bsdf}
+    mesh = {"type": path.suffix[1:], "filename": str(path), "bsdf": bsdf}
     scene = {"type": "scene", "integrator": integrator, "sensor": sensor, "mesh": mesh, **lamps}
     return np.array(mi.render(mi.load_dict(scene), spp=64))
 

@@ -1,0 +1,82 @@
+"""How near the colours of a mesh are to test photographs: one for each vertex, and in a texture.
+
+    dogsplat capture scenes/demo_truth.xml -o DATA --views 96 --size 400 400 --spp 32
+    dogsplat train DATA -o RUN --preset 3dgs --steps 3000 --max-primitives 60000
+
+A mesh is written as ``dogsplat mesh`` does, and Mitsuba draws it from there without any light. PSNR is over pixels that
+the mesh and the photograph both cover, so it says nothing of what the mesh lacks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import mitsuba as mi
+import numpy as np
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.dataset import View
+from mi_dogsplat.meshing.make import make_mesh
+from mi_dogsplat.meshing.mesh_config import MeshConfig
+from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
+from mi_dogsplat.support.variants import set_variant
+
+SPP = 16
+COVERED = 0.99  # alpha of a photograph
+COLUMNS = "triangles  colours                 kB  seconds   PSNR"
+
+
+def main(argv: list[str]) -> None:
+    """A row for each mesh."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks textures", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("data", type=Path)
+    parser.add_argument("model", type=Path)
+    parser.add_argument("--faces", nargs="+", type=int, default=[5000, 20_000])
+    parser.add_argument("--sizes", nargs="+", type=int, default=[1024, 2048], help="of textures, pixels")
+    parser.add_argument("--downscale", type=int, default=1)
+    args = parser.parse_args(argv)
+    set_variant("llvm_ad_rgb")
+    mi.set_log_level(mi.LogLevel.Error)  # it warns of colours in bytes
+    views = load_dataset(args.data, args.downscale).test
+    few = [MeshConfig(faces=n, texture=size) for n, size in product(args.faces, (None, *args.sizes))]
+    print(COLUMNS)
+    with TemporaryDirectory() as folder:
+        for config in (MeshConfig(), *few):
+            out = Path(folder) / f"{config.faces}_{config.texture}.{'ply' if config.texture is None else 'obj'}"
+            start = time.perf_counter()
+            made = make_mesh(args.model, out, config, args.data)
+            seconds, files = time.perf_counter() - start, [*out.parent.glob(f"{out.stem}*")]
+            colours = f"texture {config.texture}x{config.texture}" if config.texture else "of vertices"
+            size = sum(file.stat().st_size for file in files) / 1000
+            row = f"{made.n_faces:9,d}  {colours:18s}{size:8,.0f}{seconds:9.0f}"
+            print(f"{row}{np.mean([psnr(shown(out, view), view) for view in views]):7.2f}", flush=True)
+
+
+def shown(path: Path, view: View) -> np.ndarray:
+    """[H, W, 4] the colours of a mesh, in sRGB, and whether it is there."""
+    if path.suffix == ".ply":
+        colors = {"type": "mesh_attribute", "name": "vertex_color", "scale": 1 / 255}
+    else:
+        colors = {"type": "bitmap", "filename": str(path.with_name(f"{path.stem}_texture.jpg")), "raw": True}
+    sensor = camera_to_mitsuba(view.camera)
+    sensor["film"] |= {"pixel_format": "rgba", "rfilter": {"type": "box"}}
+    bsdf = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colors}}
+    mesh = {"type": path.suffix[1:], "filename": str(path), "bsdf": bsdf}
+    integrator = {"type": "aov", "aovs": "color:albedo", "alpha": {"type": "direct"}}
+    scene = {"type": "scene", "integrator": integrator, "sensor": sensor, "mesh": mesh}
+    film = np.array(mi.render(mi.load_dict(scene), spp=SPP))
+    return film[..., [-3, -2, -1, 3]]
+
+
+def psnr(drawn: np.ndarray, view: View) -> float:
+    """dB of what is drawn, over the pixels that it and the photograph cover."""
+    there = drawn[..., 3] > COVERED
+    if view.image.shape[2] == 4:
+        there &= view.image[..., 3] > COVERED
+    error = np.square(drawn[there][:, :3] - view.image[there][:, :3]).mean()
+    return float(-10 * np.log10(error))
