@@ -14,7 +14,7 @@ from mi_dogsplat.support.srgb import linear_to_srgb
 
 
 def places(n: int, between: int = 1) -> list[np.ndarray]:
-    """The matrices [4, 4] of panoramas: upright, on a rising arc in ``textured_room``, each one turned further; ``n``
+    """The matrices [4, 4] of panoramas: upright, on a rising arc in a room, each one turned further; ``n``
     steps along it, each made in so many."""
     found = []
     for k in np.arange(n * between) / between:

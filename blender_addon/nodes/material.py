@@ -101,6 +101,14 @@ def _attribute(tree: Tree, name: str, kind: str) -> Vector:
     return Vector(tree, node.outputs["Vector"])
 
 
+def cleared(material: bpy.types.Material) -> bpy.types.NodeTree:
+    """The nodes of a new material, of which there are none any more."""
+    if material.node_tree is None:  # Blender 4 and 5 ask for it; 6 has no other materials
+        material.use_nodes = True
+    material.node_tree.nodes.clear()
+    return material.node_tree
+
+
 def _material(name: str, kind: str, alpha: Callable[[Tree], Value], opaque: bool = False) -> bpy.types.Material:
     """The material of that name in this file, made where there is none of this version."""
     key = f"{name} {VERSION}"
@@ -109,10 +117,7 @@ def _material(name: str, kind: str, alpha: Callable[[Tree], Value], opaque: bool
             return existing
     material = bpy.data.materials.new(name)
     material["dogsplat"] = key
-    if material.node_tree is None:  # Blender 4 and 5 ask for it; 6 has no other materials
-        material.use_nodes = True
-    material.node_tree.nodes.clear()
-    tree = Tree(material.node_tree)
+    tree = Tree(cleared(material))
     color = _attribute(tree, COLOR, kind)
     if opaque:
         emission = tree.node("ShaderNodeEmission")

@@ -57,6 +57,13 @@ class DOGSPLAT_OT_surface_mesh(bpy.types.Operator):
     triangles: IntProperty(
         name="Most Triangles", default=0, min=0, description="Simplify the mesh to so many; 0 keeps all of them"
     )
+    texture: IntProperty(
+        name="Texture Size",
+        default=0,
+        min=0,
+        max=16384,
+        description="Colors in a picture of so many pixels along its side; 0: one color for each vertex",
+    )
     largest: BoolProperty(name="Largest Part Only", description="Leave out all that does not hang together with it")
     room: BoolProperty(name="For a Room", description="Look at the splats from within alone, not from around them")
     body: BoolProperty(
@@ -100,9 +107,12 @@ class DOGSPLAT_OT_surface_mesh(bpy.types.Operator):
         return {"FINISHED"}
 
     def flags(self) -> list[str]:
-        """What ``dogsplat mesh`` is called with."""
+        """What ``dogsplat mesh`` is called with. Raises ``ValueError``."""
         flags = ["--voxel", f"{self.voxel:.9g}"] if self.voxel else []
         flags += ["--faces", str(self.triangles)] if self.triangles else []
+        if self.texture and not self.triangles:
+            raise ValueError(told("a texture is for few triangles; set Most Triangles as well, to 20000 for instance"))
+        flags += ["--texture", str(self.texture)] if self.texture else []
         flags += ["--connected", "1"] if self.largest else []
         return flags + (["--inside", "1"] if self.room else [])
 

@@ -33,7 +33,8 @@ class SurfaceRun:
         model, comments = shown_model(obj, depsgraph), written_comments(obj)
         words = process_words(command)
         folder, self._remove = own_folder(self)
-        self._model, self.out = folder / "splats.ply", folder / "surface.ply"
+        self._model, kind = folder / "splats.ply", "obj" if "--texture" in flags else "ply"
+        self.out = folder / f"surface.{kind}"
         try:
             write_ply(self._model, model, comments)
             self.task = Task([*words, "mesh", str(self._model), "-o", str(self.out), *flags], folder / "log.txt")

@@ -230,6 +230,10 @@ REST = {
     ),
     "Most Triangles": "Höchstens Dreiecke",
     "Simplify the mesh to so many; 0 keeps all of them": "Das Mesh auf so viele vereinfachen; 0 behält alle",
+    "Texture Size": "Texturgröße",
+    "Colors in a picture of so many pixels along its side; 0: one color for each vertex": (
+        "Farben in einem Bild von so vielen Pixeln Seitenlänge; 0: eine Farbe je Vertex"
+    ),
     "Largest Part Only": "Nur der größte Teil",
     "Leave out all that does not hang together with it": "Alles weglassen, was nicht mit ihm zusammenhängt",
     "For a Room": "Für einen Raum",

@@ -33,6 +33,9 @@ MESSAGES = {
     '"{name}": its splats were moved or deleted before their surface was there; make it again': (
         "„{name}“: seine Splats wurden bewegt oder gelöscht, bevor ihre Oberfläche da war; sie neu erzeugen"
     ),
+    "a texture is for few triangles; set Most Triangles as well, to 20000 for instance": (
+        "Eine Textur ist für wenige Dreiecke; auch „Höchstens Dreiecke“ setzen, zum Beispiel auf 20000"
+    ),
     "dogsplat mesh has written what the add-on cannot read; update both": (
         "dogsplat mesh hat geschrieben, was das Add-on nicht lesen kann; beide aktualisieren"
     ),

@@ -141,6 +141,32 @@ def test_colors_are_those_of_the_splats(ball):
         assert abs(np.median(bytes_of(surface)[side], axis=0) - 255 * np.array(color)).max() <= 2
 
 
+def test_a_texture_has_the_colors_of_the_splats_and_is_there_to_be_seen(ball):
+    """Where each vertex has its place in the picture, which the file keeps; it shines by itself."""
+    before = datablocks()
+    with pytest.raises(RuntimeError, match="set Most Triangles as well"):
+        bpy.ops.dogsplat.surface_mesh(texture=128)
+    assert datablocks() == before
+    surface = made(triangles=600, texture=128)
+    assert 300 < len(surface.data.polygons) <= 600 and not surface.data.validate()
+    assert not surface.hide_render and surface.display_type == "TEXTURED" and surface.parent == ball
+    (material,) = surface.data.materials
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    (link,) = shader.inputs["Emission Color"].links
+    image = link.from_node.image
+    assert tuple(image.size) == (128, 128) and image.packed_file and image.colorspace_settings.name == "sRGB"
+    pixels, uv = np.empty(4 * 128 * 128, np.float32), np.empty(6 * len(surface.data.polygons), np.float32)
+    image.pixels.foreach_get(pixels)
+    surface.data.uv_layers[0].uv.foreach_get("vector", uv)
+    column, row = np.clip((128 * uv.reshape(-1, 2)).astype(int), 0, 127).T  # rows count up from the bottom here
+    corners = np.empty(3 * len(surface.data.polygons), np.int32)
+    surface.data.loops.foreach_get("vertex_index", corners)
+    z = points_of(surface, ball.matrix_world.inverted())[corners, 2]
+    for side, color in ((z > 0.3, WARM), (z < -0.3, COOL)):
+        shown = pixels.reshape(128, 128, 4)[row[side], column[side], :3]
+        assert abs(np.median(shown, axis=0) - color).max() <= 0.02
+
+
 def test_what_a_crop_hides_has_no_surface(ball):
     assert bpy.ops.dogsplat.add_crop(shape="BOX") == {"FINISHED"}
     target = next(other for other in bpy.context.selected_objects if other != ball)
