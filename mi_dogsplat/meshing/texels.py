@@ -1,8 +1,8 @@
-"""Which pixels of a texture lie in which triangle, and where on the surface."""
+"""Which pixels of a texture lie in which triangle, and where in it."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,54 +12,61 @@ from .mesh import Mesh
 AT_ONCE = 1 << 22  # pixels that are looked at in one piece
 
 
-class Texels(NamedTuple):
-    """The T pixels of a texture whose middles lie in triangles of a mesh."""
+@dataclass(frozen=True)
+class Texels:
+    """The T pixels of a texture whose middles lie in triangles of its mesh."""
 
+    mesh: Mesh
     row: Array
-    """[T] int"""
+    """[T] int, from the top, as ``uv`` counts"""
     column: Array
     """[T] int"""
-    points: Array
-    """[T, 3] in units of the model"""
-    normals: Array
-    """[T, 3] of length 1, to the outside"""
+    face: Array
+    """[T] int"""
+    weights: Array
+    """[T, 3] of the corners of the face; their sum is 1"""
+
+    def between(self, values: Array) -> Array:
+        """[T, C] of values [V, C] at the vertices."""
+        corners = self.mesh.faces[self.face]
+        return np.asarray(sum(self.weights[:, k, None] * values[corners[:, k]] for k in range(3)))
+
+    def normals(self) -> Array:
+        """[T, 3] of the faces, of length 1, to the outside; 0 of a face without area."""
+        a, b, c = (self.mesh.vertices[self.mesh.faces[:, k]].astype(np.float64) for k in range(3))
+        normals = np.cross(b - a, c - a)
+        return (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300))[self.face]
 
 
 def texels_of(mesh: Mesh) -> Texels:
-    """Of a mesh with a texture; a pixel on an edge may be there twice. Rows count from the top, as ``uv`` does."""
+    """Of a mesh with a texture; a pixel on an edge may be there twice."""
     assert mesh.texture is not None
     size = len(mesh.texture.pixels)
     corners = mesh.texture.uv[mesh.faces] * size  # [F, 3, 2] in pixels
     first = np.clip(np.floor(corners.min(axis=1)), 0, size - 1).astype(np.int64)  # [F, 2] column, row
     n = np.clip(np.floor(corners.max(axis=1)), 0, size - 1).astype(np.int64) - first + 1
+    (ux, uy), (vx, vy) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    double = ux * vy - uy * vx  # the area, with a sign
+    flat = double == 0
+    inverse = np.stack([vy, -vx, -uy, ux], axis=1) / np.where(flat, np.nan, double)[:, None]  # no pixel is in NaN
     ends = np.cumsum(n.prod(axis=1))
     parts = np.split(np.arange(len(n)), np.searchsorted(ends, np.arange(AT_ONCE, ends[-1], AT_ONCE)))
-    found = [_within(corners, first, n, faces) for faces in parts if len(faces)]
+    found = [_within(corners[:, 0], inverse, first, n, faces) for faces in parts if len(faces)]
     face, pixel, weights = (np.concatenate(column) for column in zip(*found, strict=True))
-    a, b, c = (mesh.vertices[mesh.faces[:, k]].astype(np.float64) for k in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    points = sum(weights[:, k, None] * corner[face] for k, corner in enumerate((a, b, c)))
-    return Texels(pixel[:, 1], pixel[:, 0], np.asarray(points), normals[face])
+    return Texels(mesh, pixel[:, 1], pixel[:, 0], face, weights)
 
 
-def _within(corners: Array, first: Array, n: Array, faces: Array) -> tuple[Array, Array, Array]:
+def _within(origin: Array, inverse: Array, first: Array, n: Array, faces: Array) -> tuple[Array, Array, Array]:
     """Of some faces: of each pixel whose middle they hold the face [T], column and row [T, 2], and the weights of the
     corners [T, 3]."""
     counts = n[faces].prod(axis=1)
     face = np.repeat(faces, counts)
     k = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
-    pixel = first[face] + np.stack([k % n[face, 0], k // n[face, 0]], axis=1)
-    a, b, c = (corners[face, k] for k in range(3))
-    middle = pixel + 0.5
-    areas = np.stack([_area(middle, b, c), _area(a, middle, c), _area(a, b, middle)], axis=1)
-    whole = areas.sum(axis=1, keepdims=True)
-    weights = areas / np.where(whole == 0, 1, whole)
-    held = (weights >= 0).all(axis=1) & (whole[:, 0] != 0)
+    row, column = np.divmod(k, n[face, 0])
+    pixel = first[face] + np.stack([column, row], axis=1)
+    x, y = (pixel + 0.5 - origin[face]).T
+    xx, xy, yx, yy = inverse[face].T
+    second, third = xx * x + xy * y, yx * x + yy * y
+    weights = np.stack([1 - second - third, second, third], axis=1)
+    held = (weights >= 0).all(axis=1)
     return face[held], pixel[held], weights[held]
-
-
-def _area(a: Array, b: Array, c: Array) -> Array:
-    """[P] twice the signed areas of triangles of points [P, 2]."""
-    (ux, uy), (vx, vy) = (b - a).T, (c - a).T
-    return ux * vy - uy * vx

@@ -13,36 +13,50 @@ from ..scene.splats import Array
 from .mesh import Mesh
 from .surface_colors import UNSEEN, surface_colors
 from .surface_views import SurfaceViews
-from .texels import texels_of
+from .texels import Texels, texels_of
 from .unwrapping import unwrapped
+
+PLACES = 200_000  # among which the nearest is looked for
 
 
 def textured(mesh: Mesh, size: int, views: SurfaceViews, tolerance: float, show: Callable[[], None]) -> Mesh:
     """The mesh with a texture of ``size`` x ``size`` pixels; ``tolerance``, ``show``: see ``surface_colors``.
 
-    A pixel that no view sees has the colour of the nearest point of the surface that one sees. What lies between the
-    charts has the colour of the nearest pixel in one, so that nothing else is mixed in at their borders.
+    A pixel that no view sees has the colour of the nearest one in its chart that some view sees, or where there is none
+    so near, colours of the nearest places in space. What lies between the charts has the colour of the nearest pixel in
+    one, so that nothing else is mixed in at their borders.
     """
     if not len(mesh.faces):
         return mesh
     flat = unwrapped(mesh, size)
     assert flat.texture is not None
     texels = texels_of(flat)
-    colors = surface_colors(texels.points, views, tolerance, show, texels.normals)
+    points = texels.between(flat.vertices)
+    colors = surface_colors(points, views, tolerance, show, texels.normals())
     seen = np.isfinite(colors[:, 0])
-    if seen.any():
-        colors[~seen] = colors[seen][cKDTree(texels.points[seen]).query(texels.points[~seen])[1]]
-    else:
-        colors[:] = UNSEEN
-    pixels = np.full((size, size, 3), np.nan, np.float32)
+    if not seen.any():
+        pixels = np.full((size, size, 3), UNSEEN, np.float32)
+        return replace(flat, texture=replace(flat.texture, pixels=pixels))
+    colors[~seen] = _from_afar(texels, points[seen], colors[seen])[~seen]
+    pixels, charts = np.zeros((size, size, 3), np.float32), np.full((size, size), -1)
     pixels[texels.row, texels.column] = colors
-    return replace(flat, texture=replace(flat.texture, pixels=_filled(pixels)))
+    charts[texels.row, texels.column] = flat.parts()[texels.face]
+    was_seen = np.zeros((size, size), bool)
+    was_seen[texels.row[seen], texels.column[seen]] = True
+    row, column = _nearest(was_seen)
+    in_chart = ~was_seen & (charts >= 0) & (charts[row, column] == charts)
+    pixels[in_chart] = pixels[row[in_chart], column[in_chart]]
+    return replace(flat, texture=replace(flat.texture, pixels=pixels[_nearest(charts >= 0)]))
 
 
-def _filled(pixels: Array) -> Array:
-    """A picture [H, W, 3] in which NaN has become the nearest colour."""
-    empty = np.isnan(pixels[..., 0])
-    if empty.all():
-        return np.full_like(pixels, UNSEEN)
-    nearest = np.asarray(distance_transform_edt(empty, return_distances=False, return_indices=True))
-    return pixels[tuple(nearest)]
+def _from_afar(texels: Texels, points: Array, colors: Array) -> Array:
+    """[T, 3] between colours at the vertices, each of which is that of the nearest of the ``points`` [P, 3]."""
+    some = slice(None, None, 1 + len(points) // PLACES)
+    nearest = cKDTree(points[some]).query(texels.mesh.vertices)[1]
+    return texels.between(colors[some][nearest])
+
+
+def _nearest(there: Array) -> tuple[Array, Array]:
+    """Row and column [H, W] of the pixel nearest to each among those that are ``there`` [H, W]; one at least is."""
+    row, column = np.asarray(distance_transform_edt(~there, return_distances=False, return_indices=True))
+    return row, column

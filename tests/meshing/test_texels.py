@@ -40,7 +40,7 @@ def test_pixels_have_the_points_and_normals_of_the_triangles_that_they_lie_in(mo
         got = texels_of(mesh)
         faces = sorted(expected, key=lambda key: key[2])
         assert [(row, column) for row, column, _ in faces] == list(zip(got.row, got.column, strict=True))
-        np.testing.assert_allclose(got.points, [expected[key] for key in faces], atol=1e-12)
-        for (_, _, face), normal in zip(faces, got.normals, strict=True):
+        np.testing.assert_allclose(got.between(mesh.vertices), [expected[key] for key in faces], atol=1e-12)
+        for (_, _, face), normal in zip(faces, got.normals(), strict=True):
             a, b, c = mesh.vertices[mesh.faces[face]]
             np.testing.assert_allclose(normal, np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a)))

@@ -23,7 +23,7 @@ Examples:
                                                               its largest part, finer or coarser
   dogsplat mesh model.ply -o surface.glb --faces 20000        few triangles, upright and in metres, as far as
                                                               the model says
-  dogsplat mesh model.ply -o surface.glb --faces 20000 --texture 2048
+  dogsplat mesh model.ply -o surface.glb --faces 20000 --texture 1024
                                                               their colours in a picture, for games and web
 
 For what splats cannot do themselves: a ball that rolls over them, a shadow that falls on them in another
