@@ -1,7 +1,9 @@
 """Parts of a mesh, and meshes of some of its faces."""
 
+from dataclasses import replace
+
 import numpy as np
-from mi_dogsplat.meshing.mesh import Mesh
+from mi_dogsplat.meshing.mesh import Mesh, Texture
 
 VERTICES = np.arange(33.0).reshape(11, 3)
 FACES = np.array([[0, 1, 2], [3, 5, 4], [2, 1, 6], [7, 8, 9], [5, 3, 10], [6, 2, 0]])
@@ -20,9 +22,12 @@ def test_parts_share_a_vertex_or_are_two():
 
 
 def test_some_faces_keep_their_corners_and_colours():
-    kept = MESH.with_faces(np.array([False, True, False, True, True, False]))
+    painted = replace(MESH, texture=Texture(VERTICES[:, :2], np.ones((4, 4, 3))))
+    kept = painted.with_faces(np.array([False, True, False, True, True, False]))
     assert corners(kept) == VERTICES[FACES[[1, 3, 4]]].tolist()
     np.testing.assert_array_equal(kept.colors, kept.vertices / 40)
+    assert kept.texture is not None
+    np.testing.assert_array_equal(kept.texture.uv, kept.vertices[:, :2])
     assert len(kept.vertices) == 7
     assert Mesh(VERTICES, FACES).with_faces(np.ones(6, bool)).colors is None
 
