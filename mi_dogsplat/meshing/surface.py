@@ -22,7 +22,7 @@ from .seen_blocks import TRUNCATION, seen_blocks
 from .simplification import simplified
 from .surface_colors import UNSEEN, surface_colors
 from .surface_views import SurfaceViews
-from .texture import textured
+from .texture import require_room_for, textured
 
 VOXELS_OF_RADIUS = 128
 STEPS_OF_VOXEL = 4  # at least: of the positions that float32, as models and meshes have it, tells apart
@@ -44,8 +44,10 @@ def surface_of(
         config: its ``voxel``, ``reach``, ``min_faces``, ``connected``, ``faces`` and ``texture``.
         show: as in ``make_mesh``.
 
-    Raises ``DataError`` where there would be too many voxels, or no part that is large enough.
+    Raises ``DataError`` where there would be too many voxels or pixels, or no part that is large enough.
     """
+    if config.texture is not None:
+        require_room_for(config.texture)
     done = 0
 
     def tell() -> None:

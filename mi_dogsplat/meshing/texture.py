@@ -10,6 +10,9 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..scene.splats import Array
+from ..support.memory import available_memory
+from ..support.settings import refuse
+from ..support.wording import file_size
 from .mesh import Mesh
 from .surface_colors import UNSEEN, surface_colors
 from .surface_views import SurfaceViews
@@ -17,6 +20,7 @@ from .texels import Texels, texels_of
 from .unwrapping import unwrapped
 
 PLACES = 200_000  # among which the nearest is looked for
+BYTES = 240  # of a pixel, while it is painted
 
 
 def textured(mesh: Mesh, size: int, views: SurfaceViews, tolerance: float, show: Callable[[], None]) -> Mesh:
@@ -47,6 +51,13 @@ def textured(mesh: Mesh, size: int, views: SurfaceViews, tolerance: float, show:
     in_chart = ~was_seen & (charts >= 0) & (charts[row, column] == charts)
     pixels[in_chart] = pixels[row[in_chart], column[in_chart]]
     return replace(flat, texture=replace(flat.texture, pixels=pixels[_nearest(charts >= 0)]))
+
+
+def require_room_for(size: int) -> None:
+    """Raise ``DataError`` for a texture that the memory cannot hold while it is painted."""
+    need = size * size * BYTES
+    if need > (available_memory() or need):
+        refuse("texture", f"{size} takes {file_size(need)} of memory while it is painted", "use fewer pixels")
 
 
 def _from_afar(texels: Texels, points: Array, colors: Array) -> Array:

@@ -230,6 +230,12 @@ def test_too_many_voxels_for_the_memory_are_one_line(model, tmp_path, capsys, mo
     assert_one_line(result, "--voxel: 0.02 makes", "use a larger one, or a smaller --reach")
 
 
+def test_a_texture_too_large_for_the_memory_is_one_line(model, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("mi_dogsplat.meshing.texture.available_memory", lambda: 200_000_000)
+    result = run(capsys, "mesh", model, "-o", tmp_path / "o.glb", "--faces", "400", "--texture", "1024", *FAST)
+    assert_one_line(result, "--texture: 1024 takes 252 MB of memory", "use fewer pixels")
+
+
 def test_a_voxel_much_finer_than_the_views_is_one_line(model, tmp_path, capsys):
     """It would make crumbs, for minutes. It is known after a look at all views, when there is a bar."""
     status, said, error = run(capsys, "mesh", model, "-o", tmp_path / "o.ply", "--voxel", "1e-4", *FAST)
