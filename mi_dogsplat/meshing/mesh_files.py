@@ -10,6 +10,7 @@ model has it in these formats: so both lie on each other in one scene.
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -76,7 +77,7 @@ def write_obj(path: Path, mesh: Mesh, _: Drawing) -> None:
     if mesh.texture is not None:
         corner, picture, material = "{0}/{0}", path.with_name(f"{path.stem}_texture.jpg"), path.with_suffix(".mtl")
         said = f"newmtl surface\nKa 1 1 1\nKd 1 1 1\nillum 0\nmap_Kd {picture.name}\n"  # no light falls on it
-        beside = {picture: _picture(mesh.texture), material: said.encode()}
+        beside = {picture: _picture(mesh.texture), material: os.fsencode(said)}
         lines = [f"mtllib {material.name}", *lines, "usemtl surface"]
         lines += [f"vt {u:.7g} {1 - v:.7g}" for u, v in mesh.texture.uv.tolist()]  # up from the bottom
     elif mesh.colors is not None:
@@ -86,7 +87,7 @@ def write_obj(path: Path, mesh: Mesh, _: Drawing) -> None:
     try:
         for file, content in beside.items():
             write_bytes(file, content)
-        write_bytes(path, ("\n".join(lines) + "\n").encode())
+        write_bytes(path, os.fsencode("\n".join(lines) + "\n"))  # names may be no UTF-8
     except DataError:
         for file in new:
             file.unlink(missing_ok=True)

@@ -4,6 +4,7 @@
 # (the library of OpenUSD has no types)
 
 import io
+import os
 
 import drjit as dr
 import mitsuba as mi
@@ -128,6 +129,15 @@ def test_mitsuba_shows_the_texture_of_an_obj_where_it_lies(tmp_path):
     for position, color in zip(positions, shown, strict=True):
         u, v = UV[abs(VERTICES - position).sum(axis=1).argmin()]
         np.testing.assert_allclose(color, QUARTERS[int(64 * v), int(64 * u)], atol=0.02)
+
+
+def test_a_texture_is_found_whatever_its_name(tmp_path):
+    name = os.fsdecode(b"caf\xe9")  # no UTF-8
+    path = tmp_path / f"{name}.obj"
+    writer_of(path, texture=True)(path, PAINTED, Drawing())
+    assert path.read_bytes().startswith(b"mtllib caf\xe9.mtl\n")
+    assert (tmp_path / f"{name}.mtl").read_bytes().endswith(b"map_Kd caf\xe9_texture.jpg\n")
+    assert (tmp_path / f"{name}_texture.jpg").is_file()
 
 
 def test_without_an_obj_nothing_of_its_texture_is_left(tmp_path):
