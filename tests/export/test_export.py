@@ -195,11 +195,11 @@ def test_flags_of_pictures_without_any_are_refused(capsys, model, tmp_path):
     assert run(capsys, "export", model, "-o", tmp_path / "page.html", *flags)[0] == 0
 
 
-def test_data_that_nothing_looks_at_are_told(capsys, model, tmp_path):
-    command = ["export", model, "-o", tmp_path / "out.ply", "--views", 0, "--data", tmp_path / "none"]
-    status, printed, _ = run(capsys, *command, "--dog", "keep")
-    assert status == 0 and printed.splitlines()[0].startswith("--data is not looked at")
-    assert_one_line(run(capsys, *command, "--refine", 9), "none", "no such file or folder")
+def test_data_whose_images_nothing_looks_at_are_told(capsys, model, data, tmp_path):
+    command = ["export", model, "-o", tmp_path / "out.ply", "--views", 0, "--dog", "keep", "--data"]
+    status, printed, _ = run(capsys, *command, data)
+    assert status == 0 and printed.splitlines()[0].startswith("of --data nothing but world.json is looked at")
+    assert_one_line(run(capsys, *command, tmp_path / "none"), "none", "no such file or folder")
 
 
 def test_a_model_that_is_invisible_cannot_be_refined_and_can_be_written(capsys, tmp_path):
