@@ -104,7 +104,7 @@ def export_model(
         plain = stages[f"refined, {counted(steps, 'step')}"] = refined(plain, goal, steps, show, grids)
         seconds = time.perf_counter() - start
     elif grids:
-        plain = stages["on the grids of a small file"] = on_grids(plain, grids, drawn)
+        plain = stages["on coarse grids"] = on_grids(plain, grids, drawn)
     written, matrix = replace(read, splats=plain, drawing=drawing), np.eye(4)
     if page:  # which is always upright
         left_out += _write_page(model, out, written, config.dog, grids, data, options)

@@ -108,6 +108,12 @@ def test_every_format_is_written_measured_and_close_to_the_baked_model(capsys, m
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["model.ply", out.name])
 
 
+def test_the_figures_of_all_stages_stand_below_each_other(capsys, model, tmp_path):
+    small = run(capsys, "export", model, "-o", tmp_path / "a.spz", "--small", "--refine", 0, "--views", 1)[1]
+    ends = [line.index(" dB") for line in small.splitlines() if " dB" in line]
+    assert len(ends) == 3 and len({*ends}) == 1, small
+
+
 def test_spz_gltf_and_openusd_have_y_up_and_the_others_the_axes_of_the_model(capsys, model, tmp_path):
     for suffix in FORMATS:
         assert run(capsys, "export", model, "-o", tmp_path / f"out{suffix}", "--views", "0", "--refine", "0")[0] == 0
