@@ -94,6 +94,13 @@ def world_of(dataset: Dataset, cameras: Sequence[Camera]) -> World:
     return read_world(dataset.path).over(World(up_as_held(cameras)))
 
 
+def world_of_data(data: str | Path) -> World:
+    """What a data set says itself, of which nothing else is needed. Raises ``DataError``."""
+    from . import load_largest  # here: photographs need the extra "train"
+
+    return read_world(load_largest(data, spp=1)[0].path)
+
+
 def up_as_held(cameras: Sequence[Camera]) -> str | None:
     """The vertical by how cameras were held, as ``Drawing`` has it; None where they were held anyhow."""
     c2w = np.stack([camera.c2w for camera in cameras])

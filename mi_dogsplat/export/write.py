@@ -91,7 +91,8 @@ def export_model(
     looked_at = data if steps != 0 or config.views else None
     options.require_use(images=bool(looked_at), pictures=bool(page or config.views or looked_at))
     if data and not (looked_at or page or world.scale):
-        left_out.append("--data is not looked at: nothing is refined, and --views 0 measures nothing")
+        unused = "nothing is refined, and --views 0 measures nothing"
+        left_out.append(f"of --data nothing but world.json is looked at: {unused}")
     dataset = load_dataset(looked_at, options.shrink) if looked_at else None
     steps = steps_for(dataset) if steps is None else steps
     if steps:
@@ -103,7 +104,7 @@ def export_model(
         plain = stages[f"refined, {counted(steps, 'step')}"] = refined(plain, goal, steps, show, grids)
         seconds = time.perf_counter() - start
     elif grids:
-        plain = stages["on the grids of a small file"] = on_grids(plain, grids, drawn)
+        plain = stages["on coarse grids"] = on_grids(plain, grids, drawn)
     written, matrix = replace(read, splats=plain, drawing=drawing), np.eye(4)
     if page:  # which is always upright
         left_out += _write_page(model, out, written, config.dog, grids, data, options)

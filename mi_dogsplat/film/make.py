@@ -10,7 +10,7 @@ from ..render.scene_to_draw import SceneOptions, scene_to_draw
 from ..support.variants import require_arrays
 from .chosen_path import chosen_path
 from .data_cameras import data_cameras
-from .film_config import FilmConfig
+from .film_config import PATHS, FilmConfig
 from .model_frames import ModelFrames
 from .orbit import Surroundings, around_model
 from .output import output_of
@@ -44,7 +44,7 @@ def make_film(
     """
     require_arrays()
     output, model = output_of(out, config), Path(model)
-    subject = read_subject(model, data, options)
+    subject = read_subject(model, data, options, chosen=config.path not in PATHS)
     require_primitives(model, subject.model, "film")
     options.require_for(subject.drawn.linear)
     splats, up = subject.model.splats, subject.up

@@ -40,12 +40,14 @@ class Subject:
         return likely_up(self.model.splats) if by_data is None else by_data
 
 
-def read_subject(model: Path, data: str | Path | None, options: PictureOptions) -> Subject:
+def read_subject(model: Path, data: str | Path | None, options: PictureOptions, chosen: bool = False) -> Subject:
     """A model file, or a run folder, which knows its data and how it was trained.
 
     Args:
         data: the data set; None: that of the run, if it is still there.
         options: how the model is drawn; what they do not say, the run or the file of the model does.
+        chosen: whether somebody says from where it is seen. Then a near clip that is said holds; else it is smaller
+            where a model without data is small.
 
     Raises ``DataError``.
     """
@@ -61,8 +63,9 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
     read = read_model(model)
     cameras = data_cameras(data)
     said_by_run = Drawing(trained.get("antialiased"), trained.get("near_clip"))
-    drawn = drawn_as(options.drawing, said_by_run, read.drawing)
+    said = options.drawing.over(said_by_run.over(read.drawing))
+    drawn, asked = drawn_as(said), said.near_clip if chosen else options.near_clip
     if not cameras.cameras:
-        drawn = replace(drawn, near_clip=near_clip_for(read.splats, drawn.near_clip, options.near_clip))
+        drawn = replace(drawn, near_clip=near_clip_for(read.splats, drawn.near_clip, asked))
     background = background_color(options.or_trained(trained).background, cameras.has_alpha)
     return Subject(read, cameras, background, drawn, missing)

@@ -24,7 +24,7 @@ from ..formats.packing import RUB
 from ..formats.placed import placing
 from ..formats.usd_files import NAMES
 from ..formats.usd_read import place_of
-from ..formats.usd_stage import looked_at, metres_of, missing, opened, upright
+from ..formats.usd_stage import looked_at, metres_of, missing, moments_of, opened, upright
 from ..scene.cameras import affine
 from ..scene.transform import decompose_similarity
 from ..support.errors import DataError
@@ -97,7 +97,7 @@ def _path(path: Path, stage: Usd.Stage, prim: Usd.Prim, model: Model | None, fov
         offset = (-lens.horizontalApertureOffset / side, lens.verticalApertureOffset / side)
         c2w = to_model @ np.array(lens.transform).T @ RDF
         focal = lens.focalLength / side if fov is None else focal_of_fov(fov)
-        return Lens(affine(_rotation(path, name, c2w[:3, :3]), c2w[:3, 3]), focal, offset)
+        return Lens(affine(_rotation(path, f"the camera {name}", c2w[:3, :3]), c2w[:3, 3]), focal, offset)
 
     size = picture_size(stage, seen(start))
     for share in (0.0, 1.0):
@@ -127,19 +127,11 @@ def _camera(path: Path, stage: Usd.Stage, name: str | None) -> Usd.Prim:
 def _time(stage: Usd.Stage, prim: Usd.Prim) -> tuple[float, float]:
     """The first and the last time code: those of the stage, where it has more than one frame, else those between which
     the camera changes."""
-    from pxr import UsdGeom
-
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if stage.HasAuthoredTimeCodeRange() and -math.inf < first < last < math.inf:
         return first, last
     times = {time for attribute in prim.GetAuthoredAttributes() for time in attribute.GetTimeSamples()}
-    place = prim
-    while place and not place.IsPseudoRoot():
-        hung = UsdGeom.Xformable(place)
-        times |= set(hung.GetTimeSamples() if hung else ())
-        if hung and hung.GetResetXformStack():  # what is above it does not move it
-            break
-        place = place.GetParent()
+    times |= moments_of(prim)
     return (min(times), max(times)) if times else (0.0, 0.0)
 
 
@@ -160,20 +152,24 @@ def _fps(stage: Usd.Stage) -> int | None:
 
 def _to_model(path: Path, stage: Usd.Stage, model: Model | None) -> Callable[[float], np.ndarray]:
     """The matrix [4, 4], at a time code, from the coordinates of a stage to the numbers of a model."""
-    place = None if model is None else place_of(stage, model.splats.means * np.array(RUB[0], np.float32))
-    if place is None:
+    found = None if model is None else place_of(stage, model.splats.means * np.array(RUB[0], np.float32))
+    if found is None:
         fixed = np.eye(4)
         if model is not None:
             metres = np.diag([*[metres_of(stage) or 1.0] * 3, 1.0])
             fixed = RDF @ np.linalg.inv(placing(model.drawing, RUB)) @ metres @ upright(stage)
         return lambda _: fixed
 
+    place, moments = found
+    if not all(_keeps_shapes(place(time)) for time in moments):  # no camera sees the file itself so
+        remedy = f"film what it shows: dogsplat film {path} --path {path}"
+        raise DataError(path, "stretches or mirrors the model", remedy)
+
     def to_model(time: float) -> np.ndarray:
-        matrix = place(time)
-        if not _keeps_shapes(matrix):  # no camera sees the file itself so
-            remedy = f"film what it shows: dogsplat film {path} --path {path}"
-            raise DataError(path, "stretches or mirrors the model", remedy)
-        return RDF @ np.linalg.inv(matrix) @ upright(stage)
+        matrix = place(time)  # half-way between two turns the mean of their matrices is none
+        linear = matrix[:3, :3]
+        turned = np.linalg.norm(linear, "nuc") / 3 * _rotation(path, "the model", linear)
+        return RDF @ np.linalg.inv(affine(turned, matrix[:3, 3])) @ upright(stage)
 
     return to_model
 
@@ -187,10 +183,10 @@ def _keeps_shapes(matrix: np.ndarray) -> bool:
     return bool(np.linalg.det(isometry) > 0)
 
 
-def _rotation(path: Path, name: object, matrix: np.ndarray) -> np.ndarray:
-    """The rotation [3, 3] that is nearest to a matrix; a mirrored camera goes without its mirror."""
+def _rotation(path: Path, what: str, matrix: np.ndarray) -> np.ndarray:
+    """The rotation [3, 3] that is nearest to the matrix of something; a mirrored camera goes without its mirror."""
     left, lengths, right = np.linalg.svd(matrix) if np.isfinite(matrix).all() else (matrix, np.zeros(3), matrix)
     if lengths.min() < SMALLEST:
-        raise DataError(path, f"the camera {name} is flat", "give it, and what it hangs on, another scale")
+        raise DataError(path, f"{what} is flat", "give it, and what it hangs on, another scale")
     rotation = left @ right
     return rotation @ np.diag([np.sign(np.linalg.det(rotation)), 1.0, 1.0])

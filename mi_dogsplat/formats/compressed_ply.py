@@ -25,11 +25,10 @@ from ..scene.splats import Array, Splats
 from ..support.wording import counted
 from . import trailer
 from .model import Model
-from .packing import SQRT2, from_smallest_three, in_space, logits, smallest_three
+from .packing import SQRT2, from_smallest_three, in_space, logits, misplaced, smallest_three
 
 CHUNK = 256
 MAX_LOG_SCALE = 20
-DUST = 0.1  # of the median size
 SH_RANGE = 8.0  # width of the range of a coefficient
 BOUNDED = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")
 COLUMNS = [f"{end}_{name}" for names in BOUNDED for end in ("min", "max") for name in names]
@@ -133,19 +132,18 @@ def _chunks(reader: TableReader, table: Array) -> Array:
 def moved(splats: Splats) -> Array:
     """[N] whether a primitive leaves its place by more than its size, beside one far away that shares its bounds.
 
-    In the order of ``in_space``, in which it is written. Of dust it is a part of the usual size: nobody sees it move.
+    In the order of ``in_space``, in which it is written.
     """
-    found = np.zeros(splats.n_splats, bool)
     if not splats.n_splats or not np.isfinite(splats.means).all():
-        return found
-    order, sizes = in_space(splats), splats.scales.max(axis=1)
-    means, chunk = splats.means[order].astype(np.float64), np.arange(splats.n_splats) // CHUNK
+        return np.zeros(splats.n_splats, bool)
+    order, chunk = in_space(splats), np.arange(splats.n_splats) // CHUNK
+    means = splats.means[order].astype(np.float64)
     low, high = (end.astype(np.float64)[chunk] for end in _bounds(means))
     steps = np.array([2**bits - 1 for _, bits in BITS_OF_POSITION])
     extent = np.where(high > low, high - low, 1)
-    away = np.abs(low + np.round((means - low) / extent * steps) / steps * extent - means).max(axis=1)
-    found[order] = away > np.maximum(sizes, DUST * np.median(sizes))[order]
-    return found
+    read = np.empty_like(means)
+    read[order] = low + np.round((means - low) / extent * steps) / steps * extent
+    return misplaced(splats, read)
 
 
 def _bounds(values: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""What several formats share: unit quaternions without their largest component, order in space, and axes.
+"""What several formats share: unit quaternions without their largest component, places, order in space, and axes.
 
 A unit quaternion is told by its three smallest components, each within ±1/√2, and by which one is left out; q and -q
 are the same rotation, so that the missing one can be taken as positive ("smallest three").
@@ -13,6 +13,7 @@ from ..scene.row_groups import SH
 from ..scene.splats import Array, Splats
 
 SQRT2 = np.sqrt(2.0)
+DUST = 0.1  # of the median size
 OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components beside the one left out, in order
 MORTON_BITS = 10  # per axis: 2^30 cells are finer than any sorting needs
 # Half turns from RDF (x right, y down, z forward), the axes of 3DGS PLY and of COLMAP's cameras: signs of x, y and z,
@@ -58,6 +59,15 @@ def logits(opacities: Array) -> Array:
     """Finite logits of opacities 0..1."""
     p = np.clip(opacities.astype(np.float64), SMALLEST_OPACITY, 1 - SMALLEST_OPACITY)
     return np.log(p / (1 - p))
+
+
+def misplaced(splats: Splats, means: Array) -> Array:
+    """[N] whether a primitive that is read at ``means`` [N, 3] has left its place by more than its size.
+
+    Of dust it is a part of the usual size: nobody sees it move.
+    """
+    sizes = splats.scales.max(axis=1)
+    return np.abs(means - splats.means).max(axis=1) > np.maximum(sizes, DUST * np.median(sizes))
 
 
 def morton_order(means: Array) -> Array:

@@ -24,11 +24,12 @@ from ..scene.quaternions import WXYZ_FROM_XYZW, unit_quaternions
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
-from .packing import SQRT2, smallest_three
+from .packing import SQRT2, misplaced, smallest_three
 from .palette import CODES, codebook, nearest, palette
 from .sog_read import FIRST_TAG, PER_ROW
 
 MAX_PALETTE = 65536
+LAST = 65535  # code of a coordinate
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of the files in the ZIP: the same model gives the same bytes
 
 
@@ -45,9 +46,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
         files[name] = _webp(pixels.reshape(height, width, -1))
         return name
 
-    logs = np.sign(splats.means) * np.log1p(np.abs(splats.means.astype(np.float64)))  # [N, 3]
-    low, high = (end(logs, axis=0) if n else np.zeros(3) for end in (np.min, np.max))
-    steps = np.round((logs - low) / np.where(high > low, high - low, 1) * 65535).astype(np.uint16)
+    steps, low, high = _places(splats.means)
     means = {"mins": low.tolist(), "maxs": high.tolist()}
     means["files"] = [store("means_l.webp", steps & 255), store("means_u.webp", steps >> 8)]
     largest, three = smallest_three(unit_quaternions(splats.quats)[:, WXYZ_FROM_XYZW])
@@ -70,6 +69,22 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
         meta["shN"] = {"count": len(entries), "bands": splats.sh_degree, "codebook": _short(table)}
         meta["shN"]["files"] = ["shN_centroids.webp", index]
     return _bundled(meta, files)
+
+
+def moved(splats: Splats) -> Array:
+    """[N] whether a primitive leaves its place by more than its size, as one far away spreads the bounds."""
+    if not splats.n_splats or not np.isfinite(splats.means).all():
+        return np.zeros(splats.n_splats, bool)
+    steps, low, high = _places(splats.means)
+    logs = low + (high - low) * steps / LAST
+    return misplaced(splats, np.sign(logs) * np.expm1(np.abs(logs)))
+
+
+def _places(means: Array) -> tuple[Array, Array, Array]:
+    """Codes uint16 [N, 3] of centres [N, 3], and the bounds [3] of their logarithms, between which they lie."""
+    logs = np.sign(means) * np.log1p(np.abs(means.astype(np.float64)))  # [N, 3]
+    low, high = (end(logs, axis=0) if len(logs) else np.zeros(3) for end in (np.min, np.max))
+    return np.round((logs - low) / np.where(high > low, high - low, 1) * LAST).astype(np.uint16), low, high
 
 
 def _view_dependent(rest: Array) -> tuple[Array, Array, Array]:

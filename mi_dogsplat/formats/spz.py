@@ -37,7 +37,7 @@ from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from .grids import Extents, Steps
 from .model import Model
-from .packing import SQRT2, from_smallest_three, logits, smallest_three
+from .packing import SQRT2, from_smallest_three, logits, misplaced, smallest_three
 from .spz_container import EXTENSIONS, HEADER, MAGIC, Payload, unwrapped, with_comment
 
 VERSION = 3  # that is written
@@ -159,8 +159,7 @@ def moved(splats: Splats) -> Array:
     if splats.n_splats == 0 or _room(splats) >= _wanted_bits(splats):
         return np.zeros(splats.n_splats, bool)
     bits = fraction_bits(splats)
-    away = np.abs(_fixed(splats, bits) / 2.0**bits - splats.means).max(axis=1)
-    return away > splats.scales.max(axis=1)
+    return misplaced(splats, _fixed(splats, bits) / 2.0**bits)
 
 
 def _fixed(splats: Splats, bits: int) -> Array:

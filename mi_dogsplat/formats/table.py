@@ -120,6 +120,8 @@ SOG = Format(
     ALL,
     order=in_space,
     in_white=True,
+    moved=sog.moved,
+    bits="16 bits for the logarithm of a coordinate",
 )
 GLB, GLTF = (
     Format(

@@ -27,7 +27,7 @@ from .limits import in_proportion
 from .model import Model
 from .packing import RUB, logits
 from .placed import in_one_place, require_alike
-from .usd_stage import layers_of, metres_of, missing, opened, upright, world_of
+from .usd_stage import layers_of, metres_of, missing, moments_of, opened, upright, world_of
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -65,9 +65,10 @@ def files_beside(path: Path) -> list[Path]:
         return [layer for layer in layers_of(stage) if layer.resolve() != path.resolve()]  # a folder may be a link
 
 
-def place_of(stage: Usd.Stage, means: Array) -> Callable[[float], Array] | None:
+def place_of(stage: Usd.Stage, means: Array) -> tuple[Callable[[float], Array], set[float]] | None:
     """The matrix [4, 4], at a time code, from a model with these centres [N, 3], in RUB axes, to x right, y up, z back
-    of a stage that shows it; None where it does not, or shows other Gaussians, too.
+    of a stage that shows it, and the time codes at which it is said rather than interpolated; None where the stage does
+    not show it, or shows other Gaussians, too.
 
     It is the model if there are as many primitives, and near: a file may be refined, or rounded.
     """
@@ -89,7 +90,7 @@ def place_of(stage: Usd.Stage, means: Array) -> Callable[[float], Array] | None:
     )
     if not off <= NEAR * size or off_there < off:  # what was read from the stage has been moved to its place by then
         return None
-    return place
+    return place, moments_of(prims[0]) or {FIRST}
 
 
 def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:

@@ -110,3 +110,17 @@ def world_of(prim: Usd.Prim, cache: UsdGeom.XformCache) -> Array:
     if not prim.IsA(UsdGeom.Xformable):  # a library that does not know the type takes what is above it alone
         matrix = UsdGeom.Xformable(prim).GetLocalTransformation(cache.GetTime()) * matrix
     return np.array(matrix).T
+
+
+def moments_of(prim: Usd.Prim) -> set[float]:
+    """The time codes at which somebody has said where a prim is; between them the library interpolates."""
+    from pxr import UsdGeom
+
+    times: set[float] = set()
+    while prim and not prim.IsPseudoRoot():
+        hung = UsdGeom.Xformable(prim)
+        times |= set(hung.GetTimeSamples() if hung else ())
+        if hung and hung.GetResetXformStack():  # what is above it does not move it
+            break
+        prim = prim.GetParent()
+    return times

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..datasets import load_dataset
+from ..datasets.world import read_world
 from ..export.refine import look_from_near
 from ..formats.read import read_source
 from ..render.picture_options import PictureOptions
@@ -38,7 +39,7 @@ def make_mesh(
     show: Callable[[int, int], None] | None = None,
 ) -> Meshed:
     """Write the surface of a model as triangles with colours or a texture, in the coordinates of the model; a glTF or
-    OpenUSD upright and in metres, as far as the model says.
+    OpenUSD upright and in metres, as far as the model says, or else the data.
 
     Args:
         model: the model, of any format.
@@ -58,8 +59,10 @@ def make_mesh(
     read = read_source(model, out, "mesh")
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
     options.require_for(drawn.linear)
+    said = read.drawing
     if data:
-        cameras = [view.camera for view in load_dataset(data, options.shrink).train]
+        dataset = load_dataset(data, options.shrink)
+        cameras, said = [view.camera for view in dataset.train], said.over(read_world(dataset.path).drawing)
     else:
         cameras = vantage_cameras(splats, config.views, config.size, 0, config.inside, read.drawing.up)
         if options.near_clip is None:
@@ -68,5 +71,5 @@ def make_mesh(
     if not len(mesh.faces):
         problem = "no surface is seen that hides half of what is behind it"
         raise DataError(model, problem, "use a smaller --voxel or --near-clip, a larger --reach, or other views")
-    write(out, mesh, read.drawing)
+    write(out, mesh, said)
     return Meshed(len(mesh.faces), len(cameras), voxel)

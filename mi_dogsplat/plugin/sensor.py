@@ -104,6 +104,8 @@ class SensorReader:
             film, sensors = sensor.film(), _Sensors(sensor).found
             if film.sample_border() or any(film.crop_size() != film.size()):
                 raise ValueError("dogsplat: a batch has no sample_border and no crop window; leave them out")
+            if any(each.film() is film for each in sensors):  # Mitsuba makes one of equal plugins in a file
+                raise ValueError("dogsplat: a batch and its sensors have one film; give films to the batch alone")
         return [self._view(slot, each, near_clip, picture) for slot, each in enumerate(sensors)]
 
     def _view(self, slot: int, sensor: Any, near_clip: float, picture: Rectangle | None) -> View:

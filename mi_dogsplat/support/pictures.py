@@ -19,6 +19,7 @@ from .files import replacing
 from .srgb import srgb_to_linear
 
 HEADER = {"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage}  # lossless
+COLORS = ("RGBA", "RGB", "XYZA", "XYZ", "YA", "Y")  # of a film: letters of its channels, and name of its format
 # The magma colour map (van der Walt and Smith, CC0) at 17 points; linear between them is within 2.3/255.
 MAGMA = (
     "#000004 #0a0822 #1d1147 #36106b #51127c #6a1c81 #832681 #9c2e7f #b73779 "
@@ -110,6 +111,13 @@ def write_channels(path: str | Path, planes: Mapping[str, NDArray]) -> None:
 
 
 def without_aovs(bitmap: Any) -> Any:
-    """The colours of what a film has recorded, a ``mi.Bitmap``, which come with alpha where the film has it."""
-    many = bitmap.pixel_format() == type(bitmap).PixelFormat.MultiChannel
-    return dict(bitmap.split())["<root>"] if many else bitmap
+    """The colours of what a film has recorded, a ``mi.Bitmap``, which come with alpha where the film has it.
+
+    They are its first channels. ``Bitmap.split`` puts the AOV ``alpha``, whose name has no point, among them.
+    """
+    formats = type(bitmap).PixelFormat
+    if bitmap.pixel_format() != formats.MultiChannel:
+        return bitmap
+    names = [field.name for field in bitmap.struct_()]
+    colors = next(letters for letters in COLORS if names[: len(letters)] == list(letters))
+    return type(bitmap)(np.ascontiguousarray(np.array(bitmap)[..., : len(colors)]), getattr(formats, colors))

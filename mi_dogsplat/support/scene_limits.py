@@ -57,7 +57,7 @@ def _refused(state: Any) -> Iterator[tuple[Any, str, str]]:
     """(node, problem, remedy) of each that is."""
     measured = set(_measured(state))
     for number, node in enumerate(state.nodes):
-        props, kind = node.props, node.type.name
+        props, kind = _looked_at(node), node.type.name
         plugin = props.plugin_name()
         for limit in LIMITS:
             if limit.kind == kind and limit.parameter in props and not _holds(limit, props[limit.parameter]):
@@ -65,6 +65,14 @@ def _refused(state: Any) -> Iterator[tuple[Any, str, str]]:
                 yield node, problem, limit.remedy
         if plugin == METER and number not in measured:
             yield node, f"the sensor {METER} is in no shape", "put it into the shape whose light it is to measure"
+
+
+def _looked_at(node: Any) -> Any:
+    """A copy of the properties of a node: Mitsuba takes those that somebody has read for used, and refuses others,
+    which nobody knows."""
+    import mitsuba as mi
+
+    return mi.Properties(node.props)
 
 
 def _holds(limit: Limit, value: Any) -> bool:
@@ -77,6 +85,7 @@ def _measured(state: Any) -> Iterator[int]:
     import mitsuba as mi
 
     for node in state.nodes:
-        if node.type == mi.ObjectType.Shape and node.props.plugin_name() != "merge":
-            values = (node.props[name] for name in node.props.keys())
+        props = _looked_at(node)
+        if node.type == mi.ObjectType.Shape and props.plugin_name() != "merge":
+            values = (props[name] for name in props.keys())
             yield from (value.index() for value in values if isinstance(value, mi.Properties.ResolvedReference))

@@ -20,11 +20,12 @@ from typing import Any
 import numpy as np
 
 from ..datasets.dataset import Dataset
+from ..datasets.world import read_world
 from ..render.framing import automatic_camera, near_clip_for, robust_sphere, vertical
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..scene.cameras import Camera
-from ..scene.drawing import DrawnAs, drawn_as
+from ..scene.drawing import Drawing, DrawnAs, drawn_as
 from ..scene.kinds import kinds_of
 from ..scene.orientation import up_of_cameras
 from ..scene.splats import Splats
@@ -71,6 +72,7 @@ class Server:
         assert found is not None  # a new source has something to say
         splats, self.what = found
         self.source, self.options, self._trouble = source, options, ""
+        self._of_data = read_world(dataset.path).drawing if dataset else Drawing()
         views = [*dataset.test, *dataset.train] if dataset else []
         drawn = self._drawn(splats, bool(views))
         options.require_for(drawn.linear)
@@ -82,10 +84,15 @@ class Server:
         with redirect_stdout(io.StringIO()):  # its banner; ours is a line
             self.viser = viser.ViserServer(host=host, port=port, label="dogsplat", verbose=False)
         self.url = f"http://{self.viser.get_host()}:{self.viser.get_port()}"
-        self._start_at(views[0].camera if views else automatic_camera(splats, source.drawing.up), splats)
+        self._start_at(views[0].camera if views else automatic_camera(splats, self.drawing.up), splats)
         self._make_panel()
         self.viser.on_client_connect(self._arrived)
         self.viser.on_client_disconnect(self._left)
+
+    @property
+    def drawing(self) -> Drawing:
+        """What the source says of its model, and where it says nothing of axes and unit, the data."""
+        return self.source.drawing.over(self._of_data)
 
     def _drawn(self, splats: Splats, beside_views: bool) -> DrawnAs:
         """How a model of the source is drawn, which its file may say."""
@@ -100,7 +107,7 @@ class Server:
         self._nearest, self._furthest = NEAREST * min(radius, 1.0), FURTHEST * max(radius, 1.0)
         forward = camera.w2c[2, :3]
         distance = max(float(forward @ (centre - camera.position)), self._nearest)
-        cameras, said = [view.camera for view in self.renderer.views], self.source.drawing.up
+        cameras, said = [view.camera for view in self.renderer.views], self.drawing.up
         up = vertical(splats, said) if said or not cameras else up_of_cameras(np.stack([c.c2w for c in cameras]))
         self.viser.scene.set_up_direction(tuple(up))
         initial.position = tuple(camera.position)
@@ -150,7 +157,7 @@ class Server:
         """Markdown about the model and the last picture."""
         splats = self.renderer.splats
         counts = f"{counted(splats.n_splats, 'primitive')}, {kinds_of(splats)}, SH degree {splats.sh_degree}"
-        scale = self.source.drawing.scale
+        scale = self.drawing.scale
         size = "" if scale is None else f"\n\nThe core of it is {2 * robust_sphere(splats)[1] * scale:.3g} m across"
         return f"**{self.source.path.name}**, {self._trouble or self.what}\n\n{counts}{size}\n\n{last}"
 

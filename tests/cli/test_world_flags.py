@@ -1,6 +1,7 @@
 """``--up``, ``--scale``, ``--unit`` and ``--upright``: what they say ends in runs and models."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,6 +50,19 @@ def test_flags_come_before_what_a_model_says(capsys, model, data, tmp_path):
     measured = "--data", data, "--scale", "0", "4", "3", "--views", 0
     assert run(capsys, "export", out, "-o", tmp_path / "c.glb", *measured)[0] == 0
     assert said(tmp_path / "c.glb") == (TILTED, pytest.approx(3 / apart, rel=1e-6))
+
+
+@pytest.mark.parametrize("command", ["clean", "export"])
+def test_what_the_data_say_comes_after_what_a_model_says(capsys, model, tmp_path, command):
+    data, more = tiny_data.write_tiny_data(tmp_path / "data"), ["--views", 0] if command == "export" else []
+    (data / "world.json").write_text(json.dumps({"up": "x", "scale": 2.0}))
+    own = tmp_path / "own.ply"
+    write_model(own, replace(read_model(model), drawing=Drawing(up=TILTED)))
+    for source, expected in ((model, ("x", 2.0)), (own, (TILTED, 2.0))):
+        assert run(capsys, command, source, "-o", tmp_path / "a.ply", "--data", data, *more)[0] == 0
+        assert said(tmp_path / "a.ply") == expected
+    assert run(capsys, command, model, "-o", tmp_path / "b.ply", "--data", data, "--upright", *more)[0] == 0
+    assert said(tmp_path / "b.ply") == ("-y", 1.0)
 
 
 @pytest.mark.parametrize("command", ["clean", "export"])

@@ -108,6 +108,12 @@ def test_every_format_is_written_measured_and_close_to_the_baked_model(capsys, m
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["model.ply", out.name])
 
 
+def test_the_figures_of_all_stages_stand_below_each_other(capsys, model, tmp_path):
+    small = run(capsys, "export", model, "-o", tmp_path / "a.spz", "--small", "--refine", 0, "--views", 1)[1]
+    ends = [line.index(" dB") for line in small.splitlines() if " dB" in line]
+    assert len(ends) == 3 and len({*ends}) == 1, small
+
+
 def test_spz_gltf_and_openusd_have_y_up_and_the_others_the_axes_of_the_model(capsys, model, tmp_path):
     for suffix in FORMATS:
         assert run(capsys, "export", model, "-o", tmp_path / f"out{suffix}", "--views", "0", "--refine", "0")[0] == 0
@@ -195,11 +201,11 @@ def test_flags_of_pictures_without_any_are_refused(capsys, model, tmp_path):
     assert run(capsys, "export", model, "-o", tmp_path / "page.html", *flags)[0] == 0
 
 
-def test_data_that_nothing_looks_at_are_told(capsys, model, tmp_path):
-    command = ["export", model, "-o", tmp_path / "out.ply", "--views", 0, "--data", tmp_path / "none"]
-    status, printed, _ = run(capsys, *command, "--dog", "keep")
-    assert status == 0 and printed.splitlines()[0].startswith("--data is not looked at")
-    assert_one_line(run(capsys, *command, "--refine", 9), "none", "no such file or folder")
+def test_data_whose_images_nothing_looks_at_are_told(capsys, model, data, tmp_path):
+    command = ["export", model, "-o", tmp_path / "out.ply", "--views", 0, "--dog", "keep", "--data"]
+    status, printed, _ = run(capsys, *command, data)
+    assert status == 0 and printed.splitlines()[0].startswith("of --data nothing but world.json is looked at")
+    assert_one_line(run(capsys, *command, tmp_path / "none"), "none", "no such file or folder")
 
 
 def test_a_model_that_is_invisible_cannot_be_refined_and_can_be_written(capsys, tmp_path):

@@ -100,7 +100,7 @@ def test_small_files_are_refined_for_their_grids(model, tmp_path, suffix):
     refined = export_model(model, tmp_path / f"small{suffix}", config, show=lambda done, of: steps.append(done))
     stages = refined.losses
     rounded = export_model(model, tmp_path / f"rounded{suffix}", ExportConfig(views=2, small=True, refine=0)).losses
-    assert [stages[2].stage, rounded[2].stage] == ["refined, 20 steps", "on the grids of a small file"]
+    assert [stages[2].stage, rounded[2].stage] == ["refined, 20 steps", "on coarse grids"]
     assert steps == list(range(1, 21))
     for losses in (stages, rounded):  # the file says what was refined
         assert losses[3].of_model == pytest.approx(losses[2].of_model, abs=1e-3)

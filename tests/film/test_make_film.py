@@ -13,9 +13,10 @@ import OpenEXR
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
-from mi_dogsplat import write_ply
+from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.make import make_film
+from mi_dogsplat.film.subject import read_subject
 from mi_dogsplat.film.video import write_video
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.runs.stopping import Stopped
@@ -126,18 +127,22 @@ def test_the_background_takes_nothing_of_an_exr(model, keys, tmp_path):
         np.testing.assert_allclose(file[..., :3], srgb_to_linear(expected.color), atol=1e-4)
 
 
-def test_a_near_clip_that_is_given_is_kept_without_data(model, keys, tmp_path):
-    """One that nobody gave is smaller where a model is."""
+@pytest.mark.parametrize("by", ["flag", "file"])
+def test_a_near_clip_that_is_given_is_kept_without_data(model, keys, tmp_path, by):
+    """One that nobody gave is smaller where a model is, and so is that of a file on an orbit."""
     camera = tiny_data.cameras()[0]
     depths = camera.project(tiny_data.truth().means)[1]
     near_clip = float(np.median(depths))
     config = FilmConfig(path=str(keys), seconds=1, fps=1)
-    make_film(model, tmp_path / "f", config=config, options=PictureOptions(near_clip=near_clip))
+    given, said = PictureOptions(near_clip=near_clip if by == "flag" else None), tmp_path / "said.ply"
+    write_model(said, Model(tiny_data.truth(), Drawing(near_clip=near_clip)))
+    make_film(model if by == "flag" else said, tmp_path / "f", config=config, options=given)
     left = tiny_data.truth().select(depths > near_clip)
     expected = tiny_data.picture(left, camera).color
     assert abs(expected - tiny_data.picture(tiny_data.truth(), camera).color).max() > 0.1
     assert abs(read_png(tmp_path / "f" / "0000.png") / 255 - expected).max() <= 0.51 / 255 + 1e-4
     assert json.loads((tmp_path / "f" / "film.json").read_text())["near_clip"] == near_clip
+    assert read_subject(said, None, PictureOptions()).drawn.near_clip < near_clip
 
 
 def test_motion_blur_is_the_mean_of_linear_light(model, tmp_path):

@@ -248,6 +248,23 @@ def test_a_model_that_a_stage_mirrors_or_stretches_is_filmed_as_the_stage(stage,
     )
 
 
+def test_between_the_matrices_of_a_turning_model_the_camera_sees_it_turned_half_way(stage, tmp_path):
+    """There the library has the mean of two matrices, which shrinks the model across its axis."""
+    write_model(tmp_path / "a.usdc", Model(MODEL))
+    place = UsdGeom.Xform.Define(stage, "/Set")
+    place.GetPrim().GetReferences().AddReference("./a.usdc")
+    matrix = place.AddTransformOp()
+    turns = [Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d(0, 1, 0), degrees)) for degrees in (0, 20, 10)]
+    matrix.Set(turns[0], 1)
+    matrix.Set(turns[1], 25)
+    between = saved(stage, Model(MODEL)).at(0.5).c2w
+    matrix.GetAttr().Clear()
+    matrix.Set(turns[2])
+    expected = saved(stage, Model(MODEL)).at(0.5).c2w
+    np.testing.assert_allclose(between[:3, :3], expected[:3, :3], atol=1e-6)
+    np.testing.assert_allclose(between[:3, 3], expected[:3, 3], rtol=0.02)
+
+
 def test_a_model_on_a_turntable_turns_before_the_camera(stage, tmp_path):
     write_model(tmp_path / "a.usdc", Model(MODEL))
     place = UsdGeom.Xform.Define(stage, "/Set")

@@ -177,6 +177,16 @@ def test_primitives_that_compressed_ply_moves_beside_one_far_away_are_told(tmp_p
     assert [line.partition(": ")[2] for line in lost] == ([said] if moved else []) and bool(moved) == (farthest > 1e3)
 
 
+@pytest.mark.parametrize("farthest", [10.0, 1e6])
+def test_primitives_that_sog_moves_beside_one_far_away_are_told(tmp_path, farthest):
+    small = with_one_far_away(farthest, -9)
+    lost = write_model(tmp_path / "a.sog", small)
+    moved = n_moved(tmp_path / "a.sog", small)
+    said = f"SOG has 16 bits for the logarithm of a coordinate: with one of {farthest:.3g} it moves "
+    assert lost == ([f"{said}{moved} primitives by more than their size"] if moved else [])
+    assert bool(moved) == (farthest > 10)
+
+
 @pytest.mark.parametrize("suffix", [".sog", ".spz", ".compressed.ply"])
 def test_places_farther_apart_than_float32_can_say_are_written(tmp_path, suffix):
     model = foreign_model.model()

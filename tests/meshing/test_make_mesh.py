@@ -8,8 +8,11 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
-from mi_dogsplat.formats.gltf_container import Container
+from mi_dogsplat.datasets.world import World, write_world
+from mi_dogsplat.formats.gltf_container import Container, matrix_of
 from mi_dogsplat.formats.model import Model
+from mi_dogsplat.formats.packing import LUF
+from mi_dogsplat.formats.placed import placing
 from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.meshing.make import make_mesh
 from mi_dogsplat.meshing.mesh_config import MeshConfig
@@ -118,6 +121,14 @@ def test_the_views_of_data_are_fused(tmp_path, capsys):
     toward = (3 * np.array([-1, 0, -0.3]) - CENTRE) / np.linalg.norm(3 * np.array([-1, 0, -0.3]) - CENTRE)
     assert (positions @ toward).min() > -0.3
     assert (positions @ toward).max() > 0.6
+
+
+def test_the_data_say_what_is_up_and_how_long_a_unit_is_where_the_model_does_not(model, tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=2)
+    write_world(data, World("x", 2.0))
+    make_mesh(model, tmp_path / "surface.glb", MeshConfig(voxel=0.06), data)
+    (node,) = Container.open(tmp_path / "surface.glb").content["nodes"]
+    np.testing.assert_allclose(matrix_of(node), placing(Drawing(up="x", scale=2.0), LUF), atol=1e-6)
 
 
 def test_the_largest_part_alone_and_the_reach(tmp_path, capsys):

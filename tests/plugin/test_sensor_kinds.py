@@ -277,6 +277,15 @@ def test_a_batch_of_views_that_would_not_fit_together_is_refused_in_one_line(cho
     assert "a batch has no sample_border and no crop window" in str(failed.value.__cause__)
 
 
+def test_a_batch_that_shares_its_film_with_its_sensors_is_refused_in_one_line():
+    """As Mitsuba makes it of a file in which they have equal ones; its width is that of one view then."""
+    shared = mi.load_dict(film(80, 30))
+    views = {f"view{k}": sensor_dict(CAMERAS[k]) | {"film": shared} for k in (0, 1)}
+    with pytest.raises(RuntimeError) as failed:
+        picture({"type": "batch", "film": shared, **views})
+    assert "give films to the batch alone" in str(failed.value.__cause__)
+
+
 @pytest.mark.parametrize("changed", [{"aperture_radius": 0.4}, {"focus_distance": 4.0}], ids=str)
 def test_the_derivative_after_a_change_of_the_lens_is_that_of_the_new_one(changed):
     """The pinhole of the sensor is the same, so that the stages of the picture before it could be taken for its own."""

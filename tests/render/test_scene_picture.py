@@ -33,6 +33,18 @@ def test_a_scene_is_seen_by_the_sensor_that_is_asked_for(scene, tmp_path, sensor
     assert read_exr(out)["RGBA"].shape == (8, width, 4)
 
 
+@pytest.mark.parametrize("film", ["rgb", "rgba", "luminance_alpha"])
+def test_png_has_the_colours_of_a_scene_whatever_its_aovs_are(scene, model, tmp_path, film):
+    path, pictures = scene(f'<shape type="dog"><string name="filename" value="{model}"/></shape>'), []
+    with_splats = path.read_text().replace('"path"', '"dogsplat"').replace('"rgba"', f'"{film}"')
+    for aovs in ("", "alpha", "depth, alpha"):
+        named = f'"dogsplat"><string name="aovs" value="{aovs}"/></integrator>'
+        path.write_text(with_splats.replace('"dogsplat"/>', named))
+        render_scene(path, tmp_path / "out.png")
+        pictures.append((tmp_path / "out.png").read_bytes())
+    assert pictures == pictures[:1] * 3
+
+
 @pytest.mark.parametrize("sensor", [-1, 2])
 def test_a_sensor_that_is_not_there_is_told_how_many_there_are(scene, tmp_path, sensor):
     with pytest.raises(DataError, match=r"--sensor: .*scene\.xml has 2 sensors; give 0 to 1"):

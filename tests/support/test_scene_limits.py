@@ -1,6 +1,7 @@
 """What would end the process inside of Mitsuba is one line before, however a scene comes."""
 
 import json
+from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
@@ -57,6 +58,20 @@ def test_what_mitsuba_survives_is_loaded(tmp_path):
     usual = {"passes": number("samples_per_pass", 1), "samples": number("sample_count", 2**24)}
     path.write_text(SCENE.format(**PLAIN | usual | {"filter": "tent", "width": number("radius", 0.5)}))
     assert load_file(path).sensors()[0].sampler().sample_count() == 2**24
+
+
+@pytest.mark.parametrize("part, unknown", [
+    ('<shape type="sphere"/>', number("raduis", 2.0)), ('<sampler type="independent">', number("strength", 2)),
+])  # fmt: skip
+def test_a_parameter_that_no_plugin_knows_is_refused_as_mitsuba_does(tmp_path, part, unknown):
+    path = tmp_path / "scene.xml"
+    with_it = f"{part.removesuffix('/>')}>{unknown}</shape>" if part.endswith("/>") else part + unknown
+    path.write_text(SCENE.format(**PLAIN).replace(part, with_it))
+    for read in (mi.load_file, lambda file: load_file(Path(file))):
+        with pytest.raises(RuntimeError, match="unreferenced property"):
+            read(str(path))
+    with pytest.raises(DataError, match="scene.xml: line .*unreferenced property"):
+        render_scene(path, tmp_path / "out.png")
 
 
 def test_a_command_says_so(tmp_path):

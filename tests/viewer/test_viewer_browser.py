@@ -191,6 +191,16 @@ def test_visitors_turn_about_the_model_and_come_as_near_to_it_whatever_its_unit(
     server.stop()
 
 
+def test_the_data_say_what_is_up_and_how_long_a_unit_is_where_the_model_does_not(model, tmp_path, monkeypatch):
+    data, turned = tiny_data.write_tiny_data(tmp_path / "data"), []
+    (data / "world.json").write_text(json.dumps({"up": "x", "scale": 2.0}))
+    monkeypatch.setattr("viser.SceneApi.set_up_direction", lambda self, up: turned.append(tuple(up)))
+    server = Server(Source(model), load_dataset(data), port=8773)
+    assert turned[-1] == (1, 0, 0)
+    assert f"{4 * robust_sphere(tiny_data.dog_model(f_a=0.7, F=0.5))[1]:.3g} m across" in server.statistics("")
+    server.stop()
+
+
 class FlatCamera:
     """That of a window without height, as viser has it."""
 
