@@ -21,7 +21,7 @@ def write_panorama(file: Path, said: str = '="equirectangular"', size: tuple[int
     Image.new("RGB", size).save(file, xmp=XMP.format(said).encode())
 
 
-@pytest.mark.parametrize("said", ['="equirectangular"', ">equirectangular</GPano:ProjectionType"])
+@pytest.mark.parametrize("said", ['="equirectangular"', ">Equirectangular</GPano:ProjectionType"])
 @pytest.mark.parametrize("lens", [None, "EQUIRECTANGULAR"])
 def test_photographs_that_say_that_they_are_panoramas_are_taken_for_some(tmp_path, said, lens):
     files = [tmp_path / "a.jpg", tmp_path / "b.jpg"]
