@@ -60,20 +60,56 @@ def test_many_photographs_are_matched_with_those_that_look_alike():
     assert nearest(similarity, ALIKE) <= pairs and len(pairs) < n * (ALIKE + BESIDE)
 
 
-def test_photographs_are_beside_each_other_as_one_counts(tmp_path, monkeypatch):
-    images = [SimpleNamespace(name=f"{k}.jpg", image_id=k) for k in range(EXHAUSTIVE + 10)]
-    nothing = SimpleNamespace(data=np.zeros((0, 128), np.uint8))
-    content = SimpleNamespace(read_all_images=lambda: images, read_descriptors=lambda number: nothing)
-    matched = set()
+@pytest.fixture
+def matched(tmp_path, monkeypatch):
+    """The pairs of names that are matched of images of these names, of which none looks like another; in all calls."""
+    nothing, found = SimpleNamespace(data=np.zeros((0, 128), np.uint8)), []
 
-    def note(pycolmap, database, names, pairs, *options):
-        matched.update((names[i], names[j]) for i, j in pairs)
+    def of(names: list[str], config: PosesConfig, progress=lambda done, n: None) -> list[tuple[str, str]]:
+        images = [SimpleNamespace(name=name, image_id=-k) for k, name in enumerate(names)]
+        content = SimpleNamespace(read_all_images=lambda: images, read_descriptors=lambda number: nothing)
 
-    monkeypatch.setattr(matching, "opened", lambda *_: nullcontext(content))
-    monkeypatch.setattr(matching, "nearest", lambda *_: set())
-    monkeypatch.setattr(matching, "_match_pairs", note)
-    matching.match(pytest.importorskip("pycolmap"), tmp_path / "a.db", False, PosesConfig(), lambda done, n: None)
-    assert {(f"{k}.jpg", f"{k + 1}.jpg") for k in range(len(images) - 1)} <= matched
+        def note(pycolmap, database, names, pairs, *options):
+            found.extend((names[i], names[j]) for i, j in pairs)
+
+        monkeypatch.setattr(matching, "opened", lambda *_: nullcontext(content))
+        monkeypatch.setattr(matching, "nearest", lambda *_: set())
+        monkeypatch.setattr(matching, "_match_pairs", note)
+        matching.match(pytest.importorskip("pycolmap"), tmp_path / "a.db", False, config, progress)
+        return found
+
+    return of
+
+
+def test_photographs_are_beside_each_other_as_one_counts(matched):
+    n = EXHAUSTIVE + 10
+    pairs = matched([f"{k}.jpg" for k in range(n)], PosesConfig())
+    assert {(f"{k}.jpg", f"{k + 1}.jpg") for k in range(n - 1)} <= set(pairs) and len(pairs) < n * (BESIDE + 1)
+
+
+@pytest.mark.parametrize("lens", [None, "EQUIRECTANGULAR"])
+def test_all_pairs_of_few_are_matched_but_not_two_views_of_one_panorama(matched, lens):
+    names = [f"{side}/{k}.jpg" for side in ("front", "up") for k in range(3)]
+    expected = {(a, b) for a in names for b in names if a < b and (lens is None or a[-5:] != b[-5:])}
+    found = matched(names, PosesConfig(lens=lens))
+    assert set(found) == expected and len(found) == len(expected)
+
+
+def test_matching_that_was_stopped_goes_on_with_the_pairs_that_are_left(matched, monkeypatch):
+    monkeypatch.setattr(matching, "BATCH", 4)
+    monkeypatch.setattr(matching, "usable_cores", lambda: 1)
+    told = []
+
+    def stop(done: int, n: int) -> None:
+        told.append((done, n))
+        if done == 8:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        matched(list("abcde"), PosesConfig(), stop)
+    assert told == [(0, 10), (4, 10), (8, 10)]
+    found = matched(list("abcde"), PosesConfig(), lambda done, n: told.append((done, n)))
+    assert told[3:] == [(8, 10), (10, 10)] and len(set(found)) == len(found) == 10
 
 
 def homography(rotation: np.ndarray, t_over_d: np.ndarray, normal: np.ndarray, focal: float) -> np.ndarray:
