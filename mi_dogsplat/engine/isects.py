@@ -38,7 +38,7 @@ class Isects:
         ends = dr.cumsum(dr.gather(array_types().UInt, counts, splat_from_rank))
         if blank:
             ends += dr.opaque(array_types().UInt, blank)
-        total = int(ends[dr.width(ends) - 1]) if dr.width(ends) else 0
+        total = int(ends[dr.width(ends) - 1])
         return Isects(footprints, counts, splat_from_rank, ends, total, blank, dog_row)
 
     def in_rows(self, rows: range, blank: int) -> Isects:

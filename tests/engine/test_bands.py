@@ -210,6 +210,7 @@ def test_every_other_walk_has_the_same_bits(walk: Callable, shares):
     for count in COUNTS:
         view, got = walk(params, device_camera, options(splats, isect_memory=memory_for(count, rows)))
         assert isinstance(view, BandedView) and len(view.bands) >= count
+        assert len(view.lists) == len(view.bands)  # however often it was walked
         assert_same(got, expected)
 
 

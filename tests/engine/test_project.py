@@ -189,6 +189,13 @@ def test_sh_split_into_its_constant_part_and_the_rest_gives_the_same_colours():
         assert_same_numbers(columns(*ours), columns(*theirs))
 
 
+def test_a_degree_of_which_no_coefficients_are_stored_is_an_error():
+    params = upload(rounded(random_splats(6, degree=2)))
+    params["sh_coeffs"] = mi.Float(np.zeros(6 * 8 * 3))
+    with pytest.raises(ValueError, match="SH degree 2 needs 9 coefficients per channel, sh_coeffs has 8"):
+        project(params, DeviceCamera.upload(make_camera()), sh_degree=2)
+
+
 def test_the_device_camera_has_the_numbers_of_the_host_camera():
     camera = tilted_camera(cx=20.0, cy=30.0)
     device = DeviceCamera.upload(camera, 0.3)
