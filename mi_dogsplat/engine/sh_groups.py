@@ -61,7 +61,7 @@ def require_group(params: dict, degree: int) -> None:
 
 
 def evaluate_groups(params: dict, camera: DeviceCamera, degree: int) -> list:
-    """What the bands 1 to ``degree``, which is at least 1, add to the radiance, three channels of [N]; zero for who has none.
+    """What the bands 1 to ``degree``, 1 to 3, add to the radiance, three channels of [N]; zero for who has none.
 
     Args:
         params: ``means`` [N, 3] and, for the groups that there are, ``sh1_index`` [M1] and ``sh1_coeffs`` [M1, 4, 3],
