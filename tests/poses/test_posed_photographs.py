@@ -171,6 +171,7 @@ def test_a_mask_says_the_same_in_the_search_for_poses_as_in_training(tmp_path):
     masks = {
         "rgba": Image.merge("RGBA", [white] * 3 + [shown]),
         "la": Image.merge("LA", [white, shown]),
+        "red": Image.merge("RGB", [white, shown, shown]),
         "p": erased,
         "deep": Image.fromarray(20_000 + 40_000 * left),
         "grey": Image.fromarray((127 + left).astype(np.uint8)),
@@ -292,12 +293,14 @@ def test_masks_of_photographs_turned_by_a_quarter_tell_how_those_of_others_lie(t
         np.testing.assert_array_equal(made, np.rot90(seen, turns), err_msg=name)
 
 
-def test_a_mask_painted_on_the_pixels_of_the_file_is_turned_along(tmp_path):
+@pytest.mark.parametrize("quarters", [0, 1], ids=["lying", "upright"])
+def test_a_mask_painted_on_the_pixels_of_the_file_is_turned_along(tmp_path, quarters):
     (tmp_path / "in").mkdir()
     (tmp_path / "masks").mkdir()
-    Image.fromarray(pixels()).save(tmp_path / "in" / "a b.jpg", exif=tags(6))
+    Image.fromarray(np.rot90(pixels(), quarters)).save(tmp_path / "in" / "a b.jpg", exif=tags(6))
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[:, : WIDTH // 3] = 0
+    mask = np.rot90(mask, quarters)
     Image.fromarray(mask[::2, ::2]).save(tmp_path / "masks" / "a b.png")  # smaller than the photograph
     photographs = prepared(tmp_path / "in", tmp_path / "out")
     assert prepare_masks(tmp_path / "masks", photographs, tmp_path / "made") == 1
