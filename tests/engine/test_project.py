@@ -12,6 +12,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import LOG2_E, NO_ROW, DeviceCamera, Kernels, project, softplus
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
+from read_together import read
 from same_numbers import assert_same_numbers
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
 
@@ -107,7 +108,7 @@ def test_needles_and_specks_project_as_in_the_twin():
 
 def test_quaternions_of_any_length_are_accepted_and_zero_is_the_identity():
     splats = random_splats(60)
-    splats.quats = splats.quats * 10.0 ** np.random.default_rng(0).uniform(-9, 9, (60, 1))
+    splats.quats = splats.quats * 10.0 ** np.random.default_rng(0).uniform(-30, 30, (60, 1))
     splats.quats[0] = 0
     assert_same(rounded(splats), tilted_camera())
 
@@ -152,6 +153,24 @@ def test_a_scale_that_is_no_float_has_a_tangent_of_zero():
     values = [p.kernels.ux, p.kernels.vy, p.pseudo.ux, p.pseudo.vy]
     huge, other = np.transpose(dr.forward_to(values))
     assert not huge.any() and (other < 0).all()
+
+
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_the_larger_a_primitive_the_less_its_derivatives_depend_on_its_size(antialiased):
+    """Where the low-pass filter is nothing, the logarithms of its numbers are linear in those of its scales. At a
+    quaternion of (0, 0, 0, 1), which has derivatives as any other."""
+    sizes = np.arange(6, 15, 2)  # natural logarithms; the determinant of the largest is 2^100 px⁴
+    splats = rounded(make_splats(np.tile([0.1, 0.05, 2], (5, 1)), dog=range(5)))
+    splats.log_scales[:] = sizes[:, None] + [0, 0.3, -0.2]
+    params = upload(splats)
+    dr.enable_grad(params["log_scales"], params["quats"])
+    p = project(params, DeviceCamera.upload(make_camera()), sh_degree=0, antialiased=antialiased)
+    assert p.pseudo is not None
+    dr.backward(dr.log(p.kernels.ux) + p.kernels.uy / p.kernels.ux + dr.log(p.pseudo.ux) + p.kernels.lo)
+    for gradient, width in zip(read(dr.grad(params[name]) for name in ("log_scales", "quats")), (3, 4), strict=True):
+        rows = gradient.reshape(5, width)
+        assert np.abs(rows).max() > 0.1
+        np.testing.assert_allclose(rows, np.broadcast_to(rows[0], rows.shape), rtol=1e-3, atol=1e-4)
 
 
 def test_the_derivative_of_softplus_is_the_sigmoid_at_zero_too():
