@@ -11,6 +11,7 @@ from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import LOG2_E, NO_ROW, DeviceCamera, Kernels, project, softplus
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scene.splats import Splats
 from read_together import read
 from same_numbers import assert_same_numbers
@@ -117,15 +118,30 @@ def test_only_finite_primitives_in_front_of_the_near_plane_are_visible():
     splats = rounded(make_splats([[0, 0, z] for z in (0.25, 0.26, -1, 0, 1, 1, 1e5)], dog=[0, 1, 4]))
     for near_clip in (0.0, 0.125, 0.25, 0.5):
         assert_same(splats, make_camera(), near_clip=near_clip)
-    broken = rounded(make_splats(np.tile([0.1, 0, 2], (8, 1)), dog=[2, 3]))
+    broken = rounded(make_splats(np.tile([0.1, 0, 2], (13, 1)), dog=[2, 3, 6, 7, 8, 11]))
     broken.means[0, 1] = np.nan
     broken.means[1] = np.inf
     broken.log_scales[2, 0] = np.inf
     broken.log_scales[3] = np.nan
     broken.quats[4, 2] = np.nan
     broken.logit_opacities[5] = np.nan
-    visible = engine(broken, make_camera()).visible.numpy()
-    assert not visible[:4].any() and visible[6:].all()
+    broken.dog_log_scales[2, 1] = np.nan
+    broken.dog_log_scales[3, 0] = -np.inf
+    broken.dog_logit_opacities[4] = np.nan
+    broken.means[9, 0] = 3e38  # pixels that are no float
+    broken.means[10] = 0, 0, 1e-37  # nor is their number per unit of the world
+    visible = engine(broken, make_camera(), near_clip=0.0).visible.numpy()
+    assert np.flatnonzero(visible).tolist() == [11, 12]
+
+
+def test_what_varies_over_a_primitive_is_finite_or_it_is_not_visible():
+    splats = rounded(make_splats(np.tile([0.1, 0, 2], (6, 1))))
+    rows = {name: np.full((6, *shape), 0.1) for group in OWN_AXES for name, shape in group.arrays.items()}
+    for k, values in enumerate(rows.values()):
+        values[k].flat[-1] = np.nan
+    splats = Splats(**vars(splats) | rows | {group.index: np.arange(6) for group in OWN_AXES})
+    splats.log_scales[5] = 100  # which is no float either, and is as long as the longest axis
+    assert engine(splats, make_camera()).visible.numpy().tolist() == [False] * 4 + [True] * 2
 
 
 def test_logits_of_any_size_stay_finite_in_value_and_derivative():
