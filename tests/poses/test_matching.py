@@ -89,8 +89,8 @@ def test_photographs_are_beside_each_other_as_one_counts(matched):
 
 @pytest.mark.parametrize("lens", [None, "EQUIRECTANGULAR"])
 def test_all_pairs_of_few_are_matched_but_not_two_views_of_one_panorama(matched, lens):
-    names = [f"{side}/{k}.jpg" for side in ("front", "up") for k in range(3)]
-    expected = {(a, b) for a in names for b in names if a < b and (lens is None or a[-5:] != b[-5:])}
+    names = [f"{side}/{room}/1.jpg" for side in ("front", "up") for room in "abc"]
+    expected = {(a, b) for a in names for b in names if a < b and (lens is None or a[-7:] != b[-7:])}
     found = matched(names, PosesConfig(lens=lens))
     assert set(found) == expected and len(found) == len(expected)
 
