@@ -96,6 +96,8 @@ def test_saturated_kernels_are_limited_to_99_percent_each():
     plain, dog = make_splats([0, 0, 2], 1e4, 0.9999), make_splats([0, 0, 2], 1e4, 0.9999, dog=[0], f_a=0.5)
     np.testing.assert_allclose(engine(rounded(plain), make_camera())[0], 0.99, rtol=1e-6)
     np.testing.assert_allclose(engine(rounded(dog), make_camera())[0], 0.99 - 0.9999 / 2, rtol=1e-5)
+    both = make_splats([0, 0, 2], 1e4, 0.9999, dog=[0], f_a=0.9999)
+    assert not engine(rounded(both), make_camera())[0].any()
 
 
 def test_a_ring_raises_T_above_one_unless_negative_transmittance_is_off():
