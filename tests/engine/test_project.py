@@ -10,7 +10,7 @@ from mi_dogsplat import reference
 from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import LOG2_E, NO_ROW, DeviceCamera, Kernels, project, softplus
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scene.splats import Splats
 from read_together import read
@@ -100,6 +100,12 @@ def test_far_outside_the_image_the_linearisation_is_clamped_as_in_the_twin():
     assert_same(rounded(splats), camera)
 
 
+def test_far_from_the_origin_a_camera_is_where_it_is_and_not_where_float32_has_it():
+    splats, there = random_splats(60, seed=5), np.array([1e6, -2e6, 3e5])
+    splats.means = np.round(4 * splats.means) / 4 + there  # as float32 has them
+    assert_same(rounded(splats), make_camera(w2c=affine(np.eye(3), -(there + [0.03, 0.04, -0.05]))))
+
+
 def test_needles_and_specks_project_as_in_the_twin():
     splats = random_splats(200, seed=6)
     splats.log_scales = np.log(10.0) * np.random.default_rng(1).uniform(-6, 1, (200, 3))
@@ -118,7 +124,7 @@ def test_only_finite_primitives_in_front_of_the_near_plane_are_visible():
     splats = rounded(make_splats([[0, 0, z] for z in (0.25, 0.26, -1, 0, 1, 1, 1e5)], dog=[0, 1, 4]))
     for near_clip in (0.0, 0.125, 0.25, 0.5):
         assert_same(splats, make_camera(), near_clip=near_clip)
-    broken = rounded(make_splats(np.tile([0.1, 0, 2], (13, 1)), dog=[2, 3, 6, 7, 8, 11]))
+    broken = rounded(make_splats(np.tile([0.1, 0, 2], (14, 1)), dog=[2, 3, 6, 7, 8, 11]))
     broken.means[0, 1] = np.nan
     broken.means[1] = np.inf
     broken.log_scales[2, 0] = np.inf
@@ -130,6 +136,7 @@ def test_only_finite_primitives_in_front_of_the_near_plane_are_visible():
     broken.dog_logit_opacities[4] = np.nan
     broken.means[9, 0] = 3e38  # pixels that are no float
     broken.means[10] = 0, 0, 1e-37  # nor is their number per unit of the world
+    broken.means[13] = 0, 0, 3e37  # nor a normal one
     visible = engine(broken, make_camera(), near_clip=0.0).visible.numpy()
     assert np.flatnonzero(visible).tolist() == [11, 12]
 
