@@ -26,7 +26,7 @@ class Isects:
 
     footprints: Footprints
     counts: Any  # UInt [N]
-    splat_from_rank: Any  # UInt [N], nearest first; primitives that touch no tile of the image come last
+    splat_from_rank: Any  # UInt [N], nearest first; primitives that touch no tile of the image are anywhere
     ends: Any  # UInt [N], running sum of the counts, by rank; it begins with what is ``blank``
     total: int  # with ``blank``
     blank: int = 0  # the first of them, which are nobody's
@@ -38,7 +38,7 @@ class Isects:
         ends = dr.cumsum(dr.gather(array_types().UInt, counts, splat_from_rank))
         if blank:
             ends += dr.opaque(array_types().UInt, blank)
-        total = int(ends[dr.width(ends) - 1]) if dr.width(ends) else 0
+        total = int(ends[dr.width(ends) - 1])
         return Isects(footprints, counts, splat_from_rank, ends, total, blank, dog_row)
 
     def in_rows(self, rows: range, blank: int) -> Isects:
@@ -66,9 +66,9 @@ def count_isects(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Isects
     """Of the whole image. Waits for the device once."""
     footprints = Footprints(projection, grid, cutoffs.log2_range)
     counts = _counts(footprints)
-    key: Any = dr.select(counts > 0, depth_bits(projection), 0xFFFFFFFF)
-    dr.eval(key, counts, footprints.kept())  # or the projection would be computed again where isects are emitted
-    return Isects.counted(footprints, counts, dr.argsort(key), _few_dog(projection))
+    depths = depth_bits(projection)
+    dr.eval(depths, counts, footprints.kept())  # or the projection would be computed again where isects are emitted
+    return Isects.counted(footprints, counts, dr.argsort(depths), _few_dog(projection))
 
 
 def _few_dog(projection: Projection) -> Any:

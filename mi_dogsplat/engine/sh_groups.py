@@ -61,7 +61,7 @@ def require_group(params: dict, degree: int) -> None:
 
 
 def evaluate_groups(params: dict, camera: DeviceCamera, degree: int) -> list:
-    """What the bands 1 to ``degree`` add to the radiance, three channels of [N]; zero for who has none.
+    """What the bands 1 to ``degree``, 1 to 3, add to the radiance, three channels of [N]; zero for who has none.
 
     Args:
         params: ``means`` [N, 3] and, for the groups that there are, ``sh1_index`` [M1] and ``sh1_coeffs`` [M1, 4, 3],
@@ -76,7 +76,7 @@ def evaluate_groups(params: dict, camera: DeviceCamera, degree: int) -> list:
     rows = dr.zeros(mi.Float, 4 * n)  # of three channels and nothing, which are stored and loaded at once
     for of_group, group in SH.items():
         used = min(of_group, degree)
-        if group.index in params and used:
+        if group.index in params:
             index, coefficients = params[group.index], params[group.names[0]]
             stride = 3 * ROW_COEFFICIENTS[of_group]
             added = mi.Vector4f(*_of_rows(means, camera, index, coefficients, stride, used), 0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import drjit as dr
 
 from .arrays import detached
-from .bands import PreparedView, WalkableView, listed
+from .bands import WalkableView, listed
 from .device_camera import DeviceCamera
 from .geometry import Blocks, Grid
 from .options import RasterOptions, Settings
@@ -43,9 +43,8 @@ def prepare_both(
     view = arrange(projection, projection.colors, other, settings, isect_memory=options.isect_memory)
     if not blocks.tiles_as(grid.blocks):
         return listed(projection, view.tables, grid, view.settings, options.isect_memory), view
-    # tiles that overlap list more than blending needs, and are in the same places
-    same = replace(view, grid=grid, lanes=grid.lanes) if isinstance(view, PreparedView) else replace(view, grid=grid)
-    return same, view
+    # tiles that overlap list more than blending needs, and they and their lanes are in the same places
+    return replace(view, grid=grid), view
 
 
 def arrange(

@@ -63,7 +63,7 @@ def advice_on_capture(evidence: Evidence) -> list[Advice]:
         what = f"the camera turns but is not carried (a rotation explains {evidence.rotating:.0%} of the pairs)"
         what += ": from one place no depth can be seen"
         found.append(Advice(what, "walk sideways or around the scene"))
-    if evidence.n_pairs and evidence.still > STILL:
+    if evidence.still > STILL:
         what = f"a part of the image stands still while the rest moves ({evidence.still:.0%} of the pairs)"
         what += ": the background of a turntable, or a frame"
         found.append(Advice(what, "paint it black in --masks"))
@@ -92,4 +92,4 @@ def advice_on_model(outcome: Outcome) -> list[Advice]:
 
 
 def _turns_only(evidence: Evidence) -> bool:
-    return evidence.n_pairs > 0 and evidence.rotating > ROTATING
+    return evidence.rotating > ROTATING

@@ -36,7 +36,7 @@ class Evidence:
     """``features``: median number over the images. ``matches``: the same of verified matches with the best partner.
 
     Over pairs, of which ``n_pairs`` move: ``explained``, median share of matches that one rigid motion explains;
-    ``rotating``, share of pairs that a rotation explains; ``still``, share in which a part stands still.
+    ``rotating``, share of pairs that a rotation explains; ``still``, share in which a part stands still. 0 without any.
     """
 
     features: float

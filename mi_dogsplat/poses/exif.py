@@ -70,6 +70,6 @@ def _number(value: Any) -> float:
     """A positive number, or 0."""
     try:
         number = float(value)
-    except (TypeError, ValueError, ZeroDivisionError):
+    except (TypeError, ValueError):
         return 0.0
     return number if 0 < number < math.inf else 0.0

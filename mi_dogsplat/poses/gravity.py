@@ -19,7 +19,6 @@ MAKER_NOTE, LENS_MODEL, ELEVATION = 0x927C, 0xA434, 0x9405
 APPLE, APPLE_HEADER = b"Apple iOS\0", 14  # bytes before the directory: the name, a version, the order of bytes
 ACCELERATION, FRONT_CAMERA = 8, 0x45  # tags of Apple's
 SIGNED_RATIONAL = 10
-MOST_TAGS = 256
 GRAVITY = (0.7, 1.3)  # of what is taken for it, in g: a phone that is not being shaken
 DJI = re.compile(rb"drone-dji:Gimbal(Pitch|Roll)Degree[=>]\s*[\"']?\s*([+-]?\d+(?:\.\d+)?)")
 
@@ -38,7 +37,7 @@ def down_of(image: Image.Image, tags: dict[int, Any], turn: Image.Transpose | No
         return _of_angles(float(angles[b"Pitch"]), float(angles.get(b"Roll", 0)))
     try:
         elevation = float(tags[ELEVATION])
-    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+    except (KeyError, TypeError, ValueError):
         return None
     return _of_angles(elevation, 0.0) if abs(elevation) <= 90 else None
 
@@ -64,7 +63,7 @@ def _of_apple(note: bytes, lens: str) -> np.ndarray | None:
     try:
         order = {b"MM": ">", b"II": "<"}[note[APPLE_HEADER - 2 : APPLE_HEADER]]
         (n,) = struct.unpack_from(f"{order}H", note, APPLE_HEADER)
-        for k in range(min(n, MOST_TAGS)):
+        for k in range(n):
             tag, kind, count, value = struct.unpack_from(f"{order}HHII", note, APPLE_HEADER + 2 + 12 * k)
             if tag == ACCELERATION and kind == SIGNED_RATIONAL and count == 3:
                 parts = struct.unpack_from(f"{order}6i", note, value)

@@ -78,7 +78,7 @@ def _up(c2w: np.ndarray, downs: np.ndarray) -> tuple[np.ndarray, str]:
     length = float(np.linalg.norm(middle))
     cosines = downs @ middle / max(length, 1e-12)
     off = float(np.degrees(np.arccos(np.clip(np.median(cosines), -1, 1))))
-    if length < 1e-3 or off > AGREED:
+    if off > AGREED:
         return up_of_cameras(c2w), f"as the cameras were held; {len(downs)} images say where down is, and disagree"
     return -middle / length, f"as {len(downs)} images say where down is; they agree to {off:.1f} degrees"
 

@@ -7,12 +7,15 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.engine.aovs import AOVS, channel_names
+from mi_dogsplat.engine.device_camera import DeviceCamera
+from mi_dogsplat.engine.normals import normals
+from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.plugin.splat_integrator import dog_shapes
 from mi_dogsplat.reference import aovs as reference_aovs
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.splats import Splats
-from read_together import read_gradients
+from read_together import read, read_gradients
 from same_numbers import assert_same_numbers
 from splat_scenes import (
     assert_gradients_equal,
@@ -25,6 +28,7 @@ from splat_scenes import (
     scene_of,
     sensor_dict,
     square_camera,
+    tilted_camera,
 )
 
 EVERYTHING = ",".join(AOVS)
@@ -173,6 +177,14 @@ def test_the_normal_is_the_shortest_axis_in_world_space_turned_to_the_camera(axi
     expected = rotation[:, axis] * -np.sign(rotation[:, axis] @ (mean - camera.position))
     assert seen.any()
     np.testing.assert_allclose(got[seen], np.broadcast_to(expected, got[seen].shape), atol=1e-5)
+
+
+def test_along_parallel_rays_normals_are_turned_against_the_optical_axis():
+    camera = tilted_camera()
+    found = normals(upload(rounded(random_splats(40, seed=2))), DeviceCamera.upload(camera, perspective=False))
+    axes = np.stack(read(found), -1)
+    np.testing.assert_allclose(np.linalg.norm(axes, axis=1), 1, rtol=1e-5)
+    assert (axes @ camera.w2c[2, :3] < 1e-6).all()
 
 
 def test_the_share_of_dog_is_that_of_the_sizes_of_the_weights():

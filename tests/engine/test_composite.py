@@ -17,7 +17,7 @@ from mi_dogsplat.engine.view import arrange
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
-from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
+from splat_scenes import constant_layers, make_camera, make_splats, random_splats, rounded, tilted_camera
 
 HARD = Cutoffs()
 
@@ -96,6 +96,8 @@ def test_saturated_kernels_are_limited_to_99_percent_each():
     plain, dog = make_splats([0, 0, 2], 1e4, 0.9999), make_splats([0, 0, 2], 1e4, 0.9999, dog=[0], f_a=0.5)
     np.testing.assert_allclose(engine(rounded(plain), make_camera())[0], 0.99, rtol=1e-6)
     np.testing.assert_allclose(engine(rounded(dog), make_camera())[0], 0.99 - 0.9999 / 2, rtol=1e-5)
+    both = make_splats([0, 0, 2], 1e4, 0.9999, dog=[0], f_a=0.9999)
+    assert not engine(rounded(both), make_camera())[0].any()
 
 
 def test_a_ring_raises_T_above_one_unless_negative_transmittance_is_off():
@@ -106,6 +108,15 @@ def test_a_ring_raises_T_above_one_unless_negative_transmittance_is_off():
     off, T_off = engine(splats, camera, negative_transmittance=False)
     np.testing.assert_allclose(off, image, atol=1e-7)
     np.testing.assert_allclose(T_off, 1 - np.maximum(image[..., 0], 0), atol=1e-6)
+
+
+def test_a_stack_of_negative_lobes_ends_before_T_is_too_large():
+    splats, camera = rounded(constant_layers([-0.4] * 80)), make_camera(20, 18)
+    image, T = engine(splats, camera)
+    expected, expected_T, _ = reference.render(splats, camera)
+    assert 2.0**29 < T.max() < 2.0**30
+    np.testing.assert_allclose(T, expected_T, rtol=1e-3)
+    np.testing.assert_allclose(image, expected, rtol=1e-3)
 
 
 @pytest.mark.parametrize("count", [1, 2, 4, 7])

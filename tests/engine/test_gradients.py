@@ -98,6 +98,9 @@ def test_gradients_are_zero_where_kernels_are_saturated_and_colours_clamped():
     expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
     for name in ("logit_opacities", "dog_logit_opacities", "sh_coeffs"):
         np.testing.assert_allclose(got[name], expected[name], rtol=1e-2, atol=1e-4 * np.abs(expected[name]).max())
+    along = {"logit_opacities": np.ones(2, np.float32)}
+    tangent = pushed(splats, CAMERA, along, options(splats, depth=True, **SMOOTH_OPTIONS))
+    assert_gradients_equal(tangent, pushed_differences(splats, CAMERA, along, depth=True))
 
 
 def test_gradients_beyond_the_clamp_of_the_linearisation_equal_differences():

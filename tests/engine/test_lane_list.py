@@ -7,10 +7,10 @@ from mi_dogsplat.engine.arrays import array_types, while_loop
 from mi_dogsplat.engine.tiles import WORD, TileLists
 from mi_dogsplat.engine.walks.lane_list import AheadList, LaneList
 
-TILES, LANES, STEPS = 6, 4, 4
+TILES, LANES, STEPS = 8, 4, 4
 ISECTS = 2000
-BEGIN = np.array([0, 0, 31, 32, 500, 1999])
-END = np.array([0, 31, 32, 500, 1999, 2000])
+BEGIN = np.array([0, 0, 31, 32, 500, 500, 1984, 1999])
+END = np.array([0, 31, 32, 500, 500, 1984, 1999, 2000])
 
 
 def bits_of(density: float) -> np.ndarray:
@@ -23,8 +23,10 @@ def bits_of(density: float) -> np.ndarray:
 
 def lists_of(mine: np.ndarray) -> TileLists:
     n_words = -(-ISECTS // WORD)
-    words = np.zeros((TILES + n_words, LANES), np.uint32)
+    words = np.full((TILES + n_words, LANES), 0xFFFFFFFF, np.uint32)  # what no tile has is not written
     for tile in range(TILES):
+        if BEGIN[tile] < END[tile]:
+            words[tile + BEGIN[tile] // WORD : tile + (END[tile] - 1) // WORD + 1] = 0
         for isect in range(BEGIN[tile], END[tile]):
             words[tile + isect // WORD] |= mine[isect].astype(np.uint32) << np.uint32(isect % WORD)
     UInt = array_types().UInt

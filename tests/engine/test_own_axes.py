@@ -68,3 +68,15 @@ def test_derivatives_are_finite(name):
     found: Any = sum(to for pair in own_axes_per_pixel(axes, scales, scales, LOW_PASS) for to in pair)
     dr.backward(found)
     assert all(dr.all(dr.isfinite(dr.grad(value))) for value in [*scales, *axes[0], *axes[1]])
+
+
+@pytest.mark.parametrize("name", ["large disc", "huge"])
+def test_where_the_low_pass_filter_is_nothing_twice_the_size_is_half_the_change_per_pixel(name):
+    """Euler: the derivatives by the logarithms of the scales add up to minus the value."""
+    log_scales = [mi.Float(np.log(s)) for s in SCALES[name]]
+    dr.enable_grad(log_scales)
+    axes, scales = [[mi.Float(value) for value in row] for row in AXES.tolist()], [dr.exp(s) for s in log_scales]
+    values: Any = [to for pair in own_axes_per_pixel(axes, scales, scales, LOW_PASS)[1:] for to in pair]
+    total: Any = sum(values)
+    dr.backward(total)
+    assert sum(dr.grad(s)[0] for s in log_scales) == pytest.approx(-total[0], rel=1e-3)

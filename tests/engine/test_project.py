@@ -10,8 +10,10 @@ from mi_dogsplat import reference
 from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import LOG2_E, NO_ROW, DeviceCamera, Kernels, project, softplus
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import Camera, affine
+from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scene.splats import Splats
+from read_together import read
 from same_numbers import assert_same_numbers
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
 
@@ -98,6 +100,12 @@ def test_far_outside_the_image_the_linearisation_is_clamped_as_in_the_twin():
     assert_same(rounded(splats), camera)
 
 
+def test_far_from_the_origin_a_camera_is_where_it_is_and_not_where_float32_has_it():
+    splats, there = random_splats(60, seed=5), np.array([1e6, -2e6, 3e5])
+    splats.means = np.round(4 * splats.means) / 4 + there  # as float32 has them
+    assert_same(rounded(splats), make_camera(w2c=affine(np.eye(3), -(there + [0.03, 0.04, -0.05]))))
+
+
 def test_needles_and_specks_project_as_in_the_twin():
     splats = random_splats(200, seed=6)
     splats.log_scales = np.log(10.0) * np.random.default_rng(1).uniform(-6, 1, (200, 3))
@@ -107,7 +115,7 @@ def test_needles_and_specks_project_as_in_the_twin():
 
 def test_quaternions_of_any_length_are_accepted_and_zero_is_the_identity():
     splats = random_splats(60)
-    splats.quats = splats.quats * 10.0 ** np.random.default_rng(0).uniform(-9, 9, (60, 1))
+    splats.quats = splats.quats * 10.0 ** np.random.default_rng(0).uniform(-30, 30, (60, 1))
     splats.quats[0] = 0
     assert_same(rounded(splats), tilted_camera())
 
@@ -116,15 +124,31 @@ def test_only_finite_primitives_in_front_of_the_near_plane_are_visible():
     splats = rounded(make_splats([[0, 0, z] for z in (0.25, 0.26, -1, 0, 1, 1, 1e5)], dog=[0, 1, 4]))
     for near_clip in (0.0, 0.125, 0.25, 0.5):
         assert_same(splats, make_camera(), near_clip=near_clip)
-    broken = rounded(make_splats(np.tile([0.1, 0, 2], (8, 1)), dog=[2, 3]))
+    broken = rounded(make_splats(np.tile([0.1, 0, 2], (14, 1)), dog=[2, 3, 6, 7, 8, 11]))
     broken.means[0, 1] = np.nan
     broken.means[1] = np.inf
     broken.log_scales[2, 0] = np.inf
     broken.log_scales[3] = np.nan
     broken.quats[4, 2] = np.nan
     broken.logit_opacities[5] = np.nan
-    visible = engine(broken, make_camera()).visible.numpy()
-    assert not visible[:4].any() and visible[6:].all()
+    broken.dog_log_scales[2, 1] = np.nan
+    broken.dog_log_scales[3, 0] = -np.inf
+    broken.dog_logit_opacities[4] = np.nan
+    broken.means[9, 0] = 3e38  # pixels that are no float
+    broken.means[10] = 0, 0, 1e-37  # nor is their number per unit of the world
+    broken.means[13] = 0, 0, 3e37  # nor a normal one
+    visible = engine(broken, make_camera(), near_clip=0.0).visible.numpy()
+    assert np.flatnonzero(visible).tolist() == [11, 12]
+
+
+def test_what_varies_over_a_primitive_is_finite_or_it_is_not_visible():
+    splats = rounded(make_splats(np.tile([0.1, 0, 2], (6, 1))))
+    rows = {name: np.full((6, *shape), 0.1) for group in OWN_AXES for name, shape in group.arrays.items()}
+    for k, values in enumerate(rows.values()):
+        values[k].flat[-1] = np.nan
+    splats = Splats(**vars(splats) | rows | {group.index: np.arange(6) for group in OWN_AXES})
+    splats.log_scales[5] = 100  # which is no float either, and is as long as the longest axis
+    assert engine(splats, make_camera()).visible.numpy().tolist() == [False] * 4 + [True] * 2
 
 
 def test_logits_of_any_size_stay_finite_in_value_and_derivative():
@@ -152,6 +176,24 @@ def test_a_scale_that_is_no_float_has_a_tangent_of_zero():
     values = [p.kernels.ux, p.kernels.vy, p.pseudo.ux, p.pseudo.vy]
     huge, other = np.transpose(dr.forward_to(values))
     assert not huge.any() and (other < 0).all()
+
+
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_the_larger_a_primitive_the_less_its_derivatives_depend_on_its_size(antialiased):
+    """Where the low-pass filter is nothing, the logarithms of its numbers are linear in those of its scales. At a
+    quaternion of (0, 0, 0, 1), which has derivatives as any other."""
+    sizes = np.arange(6, 15, 2)  # natural logarithms; the determinant of the largest is 2^100 px⁴
+    splats = rounded(make_splats(np.tile([0.1, 0.05, 2], (5, 1)), dog=range(5)))
+    splats.log_scales[:] = sizes[:, None] + [0, 0.3, -0.2]
+    params = upload(splats)
+    dr.enable_grad(params["log_scales"], params["quats"])
+    p = project(params, DeviceCamera.upload(make_camera()), sh_degree=0, antialiased=antialiased)
+    assert p.pseudo is not None
+    dr.backward(dr.log(p.kernels.ux) + p.kernels.uy / p.kernels.ux + dr.log(p.pseudo.ux) + p.kernels.lo)
+    for gradient, width in zip(read(dr.grad(params[name]) for name in ("log_scales", "quats")), (3, 4), strict=True):
+        rows = gradient.reshape(5, width)
+        assert np.abs(rows).max() > 0.1
+        np.testing.assert_allclose(rows, np.broadcast_to(rows[0], rows.shape), rtol=1e-3, atol=1e-4)
 
 
 def test_the_derivative_of_softplus_is_the_sigmoid_at_zero_too():
@@ -187,6 +229,13 @@ def test_sh_split_into_its_constant_part_and_the_rest_gives_the_same_colours():
         ours = project(params, DeviceCamera.upload(tilted_camera()), sh_degree=degree).colors
         theirs = whole if degree else engine(splats, tilted_camera(), sh_degree=0).colors
         assert_same_numbers(columns(*ours), columns(*theirs))
+
+
+def test_a_degree_of_which_no_coefficients_are_stored_is_an_error():
+    params = upload(rounded(random_splats(6, degree=2)))
+    params["sh_coeffs"] = mi.Float(np.zeros(6 * 8 * 3))
+    with pytest.raises(ValueError, match="SH degree 2 needs 9 coefficients per channel, sh_coeffs has 8"):
+        project(params, DeviceCamera.upload(make_camera()), sh_degree=2)
 
 
 def test_the_device_camera_has_the_numbers_of_the_host_camera():

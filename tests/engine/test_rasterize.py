@@ -1,6 +1,7 @@
 """From raw parameters to planes: images against the float64 twin, constant cost in kernels and memory."""
 
 import gc
+from dataclasses import replace
 from pathlib import Path
 
 import drjit as dr
@@ -10,7 +11,7 @@ import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
-from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
+from mi_dogsplat.engine.rasterize import LastFrame, RasterOptions, rasterize
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (
     SMOOTH_OPTIONS,
@@ -173,3 +174,19 @@ def test_memory_does_not_grow_over_300_steps():
     assert max(peaks[-4:]) <= 1.02 * max(peaks[:4]), peaks
     growth = (min(resident[-4:]) - max(resident[:4])) / 2**20
     assert growth < 3, f"grew by {growth:.1f} MiB in 240 steps: {[r >> 20 for r in resident]} MiB"
+
+
+def test_the_stages_of_a_pass_are_recalled_for_the_very_same_inputs_alone():
+    params, camera = upload(rounded(random_splats(20, degree=0))), DeviceCamera.upload(tilted_camera())
+    last, chosen = LastFrame(), RasterOptions(sh_degree=0)
+    view = rasterize(params, camera, chosen, last=last).view
+
+    def recalled(params=params, camera=camera, chosen=chosen) -> bool:
+        return rasterize(params, camera, chosen, last=last, recall=True).view is view
+
+    assert recalled() and recalled(camera=DeviceCamera.upload(tilted_camera()))
+    assert not recalled(camera=DeviceCamera.upload(tilted_camera(cx=31.0)))
+    assert not recalled(chosen=replace(chosen, isect_memory=1e9))
+    assert not recalled(params=params | {"means": params["means"] * 2})
+    rasterize(params, DeviceCamera.upload(tilted_camera(cx=31.0)), chosen, last=last)
+    assert not recalled()

@@ -228,3 +228,8 @@ def test_a_quaternion_of_zero_is_turned_on_the_device_as_on_the_host():
     expected = transformed(splats, SIMILARITY).quats
     signs = np.sign((got * expected).sum(axis=1, keepdims=True))
     np.testing.assert_allclose(got * signs, expected, atol=1e-6)
+
+
+def test_a_model_of_nothing_is_moved_to_nothing():
+    nothing = upload(mixed(4).select(np.zeros(4, bool)))
+    assert dr.width(moved(nothing, mi.Transform4f(SIMILARITY))["means"]) == 0

@@ -4,9 +4,10 @@ import drjit as dr
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.engine.footprints import SLACK
 from mi_dogsplat.engine.geometry import SMOOTH, Blocks, Cutoffs, Grid
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import LOW_PASS, DeviceCamera, project
 from mi_dogsplat.engine.tiles import TileLists, tiles
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.row_groups import PLANES
@@ -141,6 +142,22 @@ def test_a_speck_is_listed_where_it_reaches_a_pixel_centre_whichever_tile_border
     for got, expected in zip(ours, twin, strict=True):
         assert set(expected.tolist()) <= set(got.tolist())
     assert_complete_and_tight(splats, camera)
+
+
+@pytest.mark.parametrize("axis, short", [(0, 0), (1, 0), (1, SLACK)])
+def test_a_speck_that_only_just_reaches_a_pixel_beyond_a_tile_border_is_listed_there(axis, short):
+    """By less than float32 rounds its centre by: a primitive is rather listed in vain than missing. Where it is almost
+    ``SLACK`` short of it, rounding may list the row of tiles and no tile in it."""
+    camera, rng = make_camera(256, 256, f=256.0), np.random.default_rng(0)
+    border, side, _ = (g.ravel() for g in np.meshgrid(16 * np.arange(1, 16), [-1, 1], np.arange(30)))
+    reach = np.sqrt(2 * (LOW_PASS + (1e-4 * (256, 281.6)[axis] / 2) ** 2) * np.log(0.9 * 255)) + short
+    across = border + side * (reach - 0.5 - rng.uniform(0, 4e-6, len(border)))
+    along = rng.integers(0, 256, len(border)) + 0.5
+    pixels = np.stack([across, along][:: 1 - 2 * axis], -1)
+    means = (pixels - 128) / [camera.fx, camera.fy] * 2
+    splats = rounded(make_splats(np.column_stack([means, np.full(len(means), 2.0)]), 1e-4, 0.9))
+    for got, least in zip(engine_lists(splats, camera), minimal_lists(splats, camera), strict=True):
+        assert least <= set(got.tolist())
 
 
 def test_equal_depths_keep_the_order_of_their_indices():

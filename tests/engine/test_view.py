@@ -55,7 +55,8 @@ def test_lists_are_made_once_where_the_tiles_are_in_the_same_places():
 
 def test_without_memory_a_view_is_in_bands_where_isects_have_sums_of_their_own():
     view = prepare(upload(PARAMS), camera(), replace(OPTIONS, isect_memory=0))
-    assert isinstance(view, BandedView) == array_types().is_llvm
+    both = prepare_both(upload(PARAMS), camera(), replace(OPTIONS, isect_memory=0), flat())
+    assert [isinstance(one, BandedView) for one in (view, *both)] == 3 * [array_types().is_llvm]
     np.testing.assert_array_equal(planes(view), planes(prepare(upload(PARAMS), camera(), OPTIONS)))
 
 

@@ -9,7 +9,7 @@ from mi_dogsplat.poses.exif import read_exif
 from mi_dogsplat.poses.photographs import prepare
 from mi_dogsplat.poses.world import place
 from mi_dogsplat.scene.cameras import inverse_rigid
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, ImageOps
 
 pycolmap = pytest.importorskip("pycolmap", reason="needs pycolmap: pip install 'mi_dogsplat[poses]'")
 ORIENTATION, EXIF, NOTE, LENS, ELEVATION = 0x0112, 0x8769, 0x927C, 0xA434, 0x9405
@@ -18,15 +18,16 @@ ORIENTATION, EXIF, NOTE, LENS, ELEVATION = 0x0112, 0x8769, 0x927C, 0xA434, 0x940
 HOLDS = {(0, -1, 0): 6, (-1, 0, 0): 1, (1, 0, 0): 3, (0, 1, 0): 8}
 
 
-def apple_note(acceleration, front: bool = False) -> bytes:
-    """A maker note: its name, a version, the order of bytes, and a directory with offsets from its beginning."""
-    tags = [(1, 9, 1, 4), (8, 10, 3, None), (0x45, 9, 1, int(front))]
-    head = b"Apple iOS\0\0\1MM" + struct.pack(">H", len(tags))
+def apple_note(acceleration, front: bool = False, order: str = ">", kind: int = 10, count: int = 3) -> bytes:
+    """A maker note: its name, a version, the order of bytes, and a directory with offsets from its beginning; the
+    acceleration is ``count`` values of a ``kind`` of TIFF's."""
+    tags = [(0x45, 9, 1, int(front)), (1, 9, 1, 4), (8, kind, count, None), (9, 10, 3, 0)]
+    head = b"Apple iOS\0\0\1" + {">": b"MM", "<": b"II"}[order] + struct.pack(f"{order}H", len(tags))
     after = len(head) + 12 * len(tags) + 4
-    for tag, kind, count, value in tags:
-        head += struct.pack(">HHII", tag, kind, count, after if value is None else value)
+    for tag, its_kind, its_count, value in tags:
+        head += struct.pack(f"{order}HHII", tag, its_kind, its_count, after if value is None else value)
     parts = [part for value in acceleration for part in (round(value * 10_000), 10_000)]
-    return head + b"\0" * 4 + struct.pack(">6i", *parts)
+    return head + b"\0" * 4 + struct.pack(f"{order}6i", *parts)
 
 
 def saved(orientation: int = 1, inner: dict | None = None, xmp: str | None = None) -> Image.Image:
@@ -44,17 +45,37 @@ def looking_down(degrees: float) -> list[float]:
 
 
 @pytest.mark.parametrize(("gravity", "orientation"), HOLDS.items())
-@pytest.mark.parametrize("degrees", [0, 30, -20])
-def test_a_phone_held_level_has_down_below_its_picture_however_it_is_turned(gravity, orientation, degrees):
+@pytest.mark.parametrize(("degrees", "order"), [(0, ">"), (30, "<"), (-20, ">")])
+def test_a_phone_held_level_has_down_below_its_picture_however_it_is_turned(gravity, orientation, degrees, order):
     level, ahead = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     acceleration = np.array(gravity) * level + (0, 0, -ahead)  # the camera at the back looks along -z
-    found = read_exif(saved(orientation, {NOTE: apple_note(0.98 * acceleration)})).down
+    found = read_exif(saved(orientation, {NOTE: apple_note(0.98 * acceleration, order=order)})).down
     assert found == pytest.approx(looking_down(degrees), abs=2e-4)
 
 
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_down_turns_with_the_pixels_as_pillow_turns_them(orientation):
+    inner = {NOTE: apple_note((0.3, -0.8, 0.5))}
+    down = read_exif(saved(1, inner)).down
+    assert down is not None
+    x, y, z = down
+    rows, columns = np.indices((6, 8))
+    picture = Image.fromarray((x * columns + y * rows).astype(np.float32))  # it rises towards down
+    picture.getexif()[ORIENTATION] = orientation
+    by_row, by_column = np.gradient(np.asarray(ImageOps.exif_transpose(picture)))
+    expected = by_column.mean(), by_row.mean(), z
+    assert read_exif(saved(orientation, inner)).down == pytest.approx(expected, abs=1e-5)
+
+
+LEVEL = apple_note((0, -1, 0))
+
+
 @pytest.mark.parametrize("inner", [
-    {NOTE: apple_note((0, -1, 0), front=True)}, {NOTE: apple_note((0, -1, 0)), LENS: "iPhone front camera"},
-    {NOTE: apple_note((0, -0.2, 0))}, {NOTE: apple_note((0, -1, 0))[:40]}, {NOTE: b"Apple iOS\0"}, {NOTE: b"Nikon"}, {},
+    {NOTE: apple_note((0, -1, 0), front=True)}, {NOTE: LEVEL, LENS: "iPhone Front camera"},
+    {NOTE: apple_note((0, -0.6, 0))}, {NOTE: apple_note((0, -1.4, 0))},
+    {NOTE: apple_note((0, -1, 0), kind=5)}, {NOTE: apple_note((0, -1, 0), count=1)},
+    {NOTE: LEVEL.replace(struct.pack(">i", 10_000), bytes(4))}, {NOTE: LEVEL.replace(b"MM", b"??")},
+    {NOTE: LEVEL.replace(b"Apple", b"Other")}, {NOTE: LEVEL[:40]}, {NOTE: b"Apple iOS\0"}, {NOTE: b"Nikon"}, {},
 ])  # fmt: skip
 def test_nothing_is_taken_of_the_front_camera_a_shaken_phone_or_what_is_broken(inner):
     assert read_exif(saved(6, inner)).down is None
@@ -64,6 +85,7 @@ def test_nothing_is_taken_of_the_front_camera_a_shaken_phone_or_what_is_broken(i
     ('<rdf:Description drone-dji:GimbalPitchDegree="-90.00" drone-dji:GimbalRollDegree="+0.00"/>', [0, 0, 1]),
     ('<x drone-dji:GimbalRollDegree="+0.00" drone-dji:GimbalPitchDegree="-30.0"/>', looking_down(30)),
     ("<drone-dji:GimbalPitchDegree>+10.5</drone-dji:GimbalPitchDegree>", looking_down(-10.5)),
+    ('<x drone-dji:GimbalPitchDegree="-30.0" drone-dji:GimbalRollDegree="+90.0"/>', [np.sqrt(0.75), 0, 0.5]),
     ('<x drone-dji:GimbalYawDegree="+10"/>', None),
 ])  # fmt: skip
 def test_a_drone_says_how_its_camera_was_turned(xmp, down):
@@ -74,7 +96,8 @@ def test_a_drone_says_how_its_camera_was_turned(xmp, down):
 def test_the_elevation_of_exif_is_of_the_picture_as_it_is_shown():
     found = read_exif(saved(6, {ELEVATION: -25.0})).down
     assert found == pytest.approx(looking_down(25), abs=1e-6) and ExifTags.Base.CameraElevationAngle == ELEVATION
-    assert read_exif(saved(6, {ELEVATION: 180.0})).down is None
+    assert read_exif(saved(6, {ELEVATION: -90.0})).down == pytest.approx((0, 0, 1), abs=1e-6)
+    assert read_exif(saved(6, {ELEVATION: 180.0})).down is read_exif(saved(6, {ELEVATION: -180.0})).down is None
 
 
 def test_it_stays_with_the_photograph(tmp_path):
@@ -116,6 +139,20 @@ def test_what_images_say_comes_before_how_they_were_held_and_one_that_was_shaken
 def test_images_that_disagree_or_are_few_do_not_count():
     model, downs = cameras_and_downs(noise=2.0)
     assert "6 images say where down is, and disagree" in place(pycolmap, model, None, downs).up_from
+    for n, said in (2, "no image says where down is"), (3, "as 3 images say where down is"):
+        model, downs = cameras_and_downs()
+        assert said in place(pycolmap, model, None, dict(list(downs.items())[:n])).up_from
+
+
+@pytest.mark.parametrize("degrees, said", [(9, "6 images say where down is; they agree to 9.0 degrees"),
+                                           (11, "6 images say where down is, and disagree")])  # fmt: skip
+def test_most_of_the_images_agree_to_ten_degrees(degrees, said):
     model, downs = cameras_and_downs()
-    few = dict(list(downs.items())[:2])
-    assert "no image says where down is" in place(pycolmap, model, None, few).up_from
+    place(pycolmap, model, None, downs)  # down is y now
+    around, across = np.radians(60 * np.arange(6)), np.sin(np.radians([5, degrees, degrees] * 2))
+    world = np.stack([across * np.cos(around), np.sqrt(1 - across**2), across * np.sin(around)], -1)
+    images = model.images.values()
+    off = {image.name: image.cam_from_world().rotation * down for image, down in zip(images, world, strict=True)}
+    assert said in place(pycolmap, model, None, off).up_from
+    if degrees < 10:
+        np.testing.assert_allclose(directions(model, off).mean(axis=0), [0, world[:, 1].mean(), 0], atol=1e-6)

@@ -17,11 +17,11 @@ from benchmarks.poses.filmed_scene import write_video
 XMP = '<rdf:Description xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" GPano:ProjectionType{}/>'
 
 
-def write_panorama(file: Path, said: str = '="equirectangular"') -> None:
-    Image.new("RGB", (64, 32)).save(file, xmp=XMP.format(said).encode())
+def write_panorama(file: Path, said: str = '="equirectangular"', size: tuple[int, int] = (64, 32)) -> None:
+    Image.new("RGB", size).save(file, xmp=XMP.format(said).encode())
 
 
-@pytest.mark.parametrize("said", ['="equirectangular"', ">equirectangular</GPano:ProjectionType"])
+@pytest.mark.parametrize("said", ['="equirectangular"', ">Equirectangular</GPano:ProjectionType"])
 @pytest.mark.parametrize("lens", [None, "EQUIRECTANGULAR"])
 def test_photographs_that_say_that_they_are_panoramas_are_taken_for_some(tmp_path, said, lens):
     files = [tmp_path / "a.jpg", tmp_path / "b.jpg"]
@@ -30,6 +30,7 @@ def test_photographs_that_say_that_they_are_panoramas_are_taken_for_some(tmp_pat
     assert lens_of_photographs(files, lens) == "EQUIRECTANGULAR"
     (tmp_path / "c.jpg").write_bytes(b"no picture")  # which is told later, with all others
     assert lens_of_photographs([*files, tmp_path / "c.jpg"], lens) == "EQUIRECTANGULAR"
+    assert lens_of_photographs([tmp_path / "c.jpg"], "EQUIRECTANGULAR") == "EQUIRECTANGULAR"
 
 
 def test_photographs_that_say_nothing_have_a_lens(tmp_path):
@@ -37,6 +38,8 @@ def test_photographs_that_say_nothing_have_a_lens(tmp_path):
     assert lens_of_photographs([tmp_path / "a.jpg"], None) == PosesConfig().camera_model == "SIMPLE_RADIAL"
     assert lens_of_photographs([tmp_path / "a.jpg"], "OPENCV") == "OPENCV"
     assert lens_of_photographs([], None) == "SIMPLE_RADIAL"
+    write_panorama(tmp_path / "b.jpg", size=(64, 64))  # two pictures, for two eyes
+    assert lens_of_photographs([tmp_path / "a.jpg", tmp_path / "b.jpg"], None) == "SIMPLE_RADIAL"
 
 
 @pytest.mark.parametrize("lens, remedy", [(None, "leave it out, or give such files alone"),

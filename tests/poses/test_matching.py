@@ -60,20 +60,56 @@ def test_many_photographs_are_matched_with_those_that_look_alike():
     assert nearest(similarity, ALIKE) <= pairs and len(pairs) < n * (ALIKE + BESIDE)
 
 
-def test_photographs_are_beside_each_other_as_one_counts(tmp_path, monkeypatch):
-    images = [SimpleNamespace(name=f"{k}.jpg", image_id=k) for k in range(EXHAUSTIVE + 10)]
-    nothing = SimpleNamespace(data=np.zeros((0, 128), np.uint8))
-    content = SimpleNamespace(read_all_images=lambda: images, read_descriptors=lambda number: nothing)
-    matched = set()
+@pytest.fixture
+def matched(tmp_path, monkeypatch):
+    """The pairs of names that are matched of images of these names, of which none looks like another; in all calls."""
+    nothing, found = SimpleNamespace(data=np.zeros((0, 128), np.uint8)), []
 
-    def note(pycolmap, database, names, pairs, *options):
-        matched.update((names[i], names[j]) for i, j in pairs)
+    def of(names: list[str], config: PosesConfig, progress=lambda done, n: None) -> list[tuple[str, str]]:
+        images = [SimpleNamespace(name=name, image_id=-k) for k, name in enumerate(names)]
+        content = SimpleNamespace(read_all_images=lambda: images, read_descriptors=lambda number: nothing)
 
-    monkeypatch.setattr(matching, "opened", lambda *_: nullcontext(content))
-    monkeypatch.setattr(matching, "nearest", lambda *_: set())
-    monkeypatch.setattr(matching, "_match_pairs", note)
-    matching.match(pytest.importorskip("pycolmap"), tmp_path / "a.db", False, PosesConfig(), lambda done, n: None)
-    assert {(f"{k}.jpg", f"{k + 1}.jpg") for k in range(len(images) - 1)} <= matched
+        def note(pycolmap, database, names, pairs, *options):
+            found.extend((names[i], names[j]) for i, j in pairs)
+
+        monkeypatch.setattr(matching, "opened", lambda *_: nullcontext(content))
+        monkeypatch.setattr(matching, "nearest", lambda *_: set())
+        monkeypatch.setattr(matching, "_match_pairs", note)
+        matching.match(pytest.importorskip("pycolmap"), tmp_path / "a.db", False, config, progress)
+        return found
+
+    return of
+
+
+def test_photographs_are_beside_each_other_as_one_counts(matched):
+    n = EXHAUSTIVE + 10
+    pairs = matched([f"{k}.jpg" for k in range(n)], PosesConfig())
+    assert {(f"{k}.jpg", f"{k + 1}.jpg") for k in range(n - 1)} <= set(pairs) and len(pairs) < n * (BESIDE + 1)
+
+
+@pytest.mark.parametrize("lens", [None, "EQUIRECTANGULAR"])
+def test_all_pairs_of_few_are_matched_but_not_two_views_of_one_panorama(matched, lens):
+    names = [f"{side}/{room}/1.jpg" for side in ("front", "up") for room in "abc"]
+    expected = {(a, b) for a in names for b in names if a < b and (lens is None or a[-7:] != b[-7:])}
+    found = matched(names, PosesConfig(lens=lens))
+    assert set(found) == expected and len(found) == len(expected)
+
+
+def test_matching_that_was_stopped_goes_on_with_the_pairs_that_are_left(matched, monkeypatch):
+    monkeypatch.setattr(matching, "BATCH", 4)
+    monkeypatch.setattr(matching, "usable_cores", lambda: 1)
+    told = []
+
+    def stop(done: int, n: int) -> None:
+        told.append((done, n))
+        if done == 8:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        matched(list("abcde"), PosesConfig(), stop)
+    assert told == [(0, 10), (4, 10), (8, 10)]
+    found = matched(list("abcde"), PosesConfig(), lambda done, n: told.append((done, n)))
+    assert told[3:] == [(8, 10), (10, 10)] and len(set(found)) == len(found) == 10
 
 
 def homography(rotation: np.ndarray, t_over_d: np.ndarray, normal: np.ndarray, focal: float) -> np.ndarray:
@@ -121,7 +157,9 @@ def test_a_good_capture_gets_no_advice():
     "changed, word",
     [
         ({"features": 80.0}, "too few features"),
+        ({"features": 80.0, "matches": 12.0}, "too few features"),
         ({"matches": 12.0}, "hardly overlap"),
+        ({"matches": 0.0}, "hardly overlap"),
         ({"rotating": 0.95}, "turns but is not"),
         ({"still": 0.7}, "stands still"),
         ({"explained": 0.2}, "moves by itself"),
@@ -130,7 +168,7 @@ def test_a_good_capture_gets_no_advice():
 def test_each_defect_of_a_capture_has_its_sentence(changed, word):
     (advice,) = advice_on_capture(Evidence(**(vars(GOOD) | changed)))
     assert word in str(advice) and str(advice).count("; ") == 1
-    assert hopeless(Evidence(**(vars(GOOD) | changed))) == (word == "turns but is not")
+    assert hopeless(Evidence(**(vars(GOOD) | changed))) == ("rotating" in changed or changed.get("matches") == 0)
 
 
 def test_where_no_pair_moves_nothing_is_said_about_motion():
@@ -139,8 +177,11 @@ def test_where_no_pair_moves_nothing_is_said_about_motion():
 
 def test_each_defect_of_a_model_has_its_sentence():
     (few,) = advice_on_model(Outcome(100, 60, (25, 10), 0.6))
-    assert "only 60 of 100 images have a pose, others form groups of 25, 10" in str(few)
+    assert "only 60 of 100 images have a pose, others form groups of 25, 10;" in str(few)
+    (alone,) = advice_on_model(Outcome(100, 60, (), 0.6))
+    assert alone.problem == "only 60 of 100 images have a pose"
     (coarse,) = advice_on_model(Outcome(100, 100, (), 2.5))
-    (odd,) = advice_on_model(Outcome(100, 100, (), 0.6, (60.0, 121.0)))
-    assert "121° wide" in str(odd) and "EXIF" in str(odd)
+    for angles, first in ((60.0, 121.0, 8.0), 121), ((8.0, 60.0), 8):
+        (odd,) = advice_on_model(Outcome(100, 100, (), 0.6, angles))
+        assert f"comes out {first}° wide" in str(odd) and "EXIF" in str(odd)
     assert "2.50 px" in str(coarse) and "--lens OPENCV" in str(coarse)

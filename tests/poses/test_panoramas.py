@@ -8,7 +8,7 @@ import pytest
 from command_line import assert_one_line, run
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.poses.config import PosesConfig
-from mi_dogsplat.poses.panoramas import SIDES, Cut, cut_panoramas, side_rotation, side_size
+from mi_dogsplat.poses.panoramas import SIDES, Cut, cut_masks, cut_panoramas, side_rotation, side_size
 from mi_dogsplat.poses.photographs import Photograph
 from mi_dogsplat.poses.run import find_poses
 from mi_dogsplat.support.errors import DataError
@@ -51,6 +51,12 @@ def test_a_view_shows_what_lies_in_its_direction(side):
     rays = camera.unproject(np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2), np.ones(size * size))
     view = Cut(400).views(colours(directions(400)))[side]
     np.testing.assert_allclose(view, colours(rays).reshape(size, size, 3), atol=2e-3)
+
+
+def test_no_view_is_darker_or_brighter_than_its_panorama():
+    edges = np.repeat((np.arange(64) // 8 % 2)[None], 32, axis=0)[..., None].astype(float)
+    for view in Cut(64).views(edges).values():
+        assert view.min() >= 0 and view.max() <= 1
 
 
 def test_a_pixel_in_the_middle_of_a_view_is_as_wide_as_one_on_the_equator():
@@ -106,7 +112,9 @@ def test_masks_of_panoramas_are_cut_along(posed):
 
 @pytest.mark.parametrize("size, said", [
     ((60, 40), "b.png: is 60x40, no panorama of all directions, .* leave out --lens EQUIRECTANGULAR"),
+    ((120, 40), "b.png: is 120x40, no panorama of all directions"),
     ((80, 40), "b.png: is 80x40, and a.png is 64x32; export all panoramas in one size"),
+    ((32, 16), "b.png: is 32x16, and a.png is 64x32"),
 ])  # fmt: skip
 def test_what_is_no_panorama_is_told_before_anything_is_written(tmp_path, size, said):
     for name, shape in {"a.png": (64, 32), "b.png": size}.items():
@@ -114,6 +122,30 @@ def test_what_is_no_panorama_is_told_before_anything_is_written(tmp_path, size, 
     with pytest.raises(DataError, match=said):
         find_poses(tmp_path, tmp_path / "out", PosesConfig(lens="EQUIRECTANGULAR"))
     assert not (tmp_path / "out").exists()
+
+
+def test_views_are_cut_where_one_is_missing_and_know_where_down_is(tmp_path):
+    photographs, told = [Photograph(f"{k}.png", 64, 32, "", None) for k in range(2)], []
+    for k in range(2):
+        for name in (f"{k}.png", f"{k}.png.png"):
+            Image.new("RGB", (64, 32), "white").save(tmp_path / name)
+
+    def cut() -> list[Photograph]:
+        cut_masks(photographs, tmp_path, tmp_path / "masks")
+        return cut_panoramas(photographs, tmp_path, tmp_path / "views", lambda *done: told.append(done))
+
+    views = cut()
+    assert told == [(1, 2), (2, 2)] and len(views) == 12
+    for view in views:  # what looks down has it ahead, what looks up behind
+        down = LOOKS[view.name.partition("/")[0]][1]
+        assert view.down == pytest.approx((0, 1 - abs(down), down)) and view.focal == view.width / 2
+    for folder, suffix in (("views", ""), ("masks", ".png")):
+        (tmp_path / folder / "left" / f"0.png{suffix}").unlink()
+        (tmp_path / folder / "left" / f"1.png{suffix}").write_text("a view that is there")
+    assert cut() == views
+    for folder, suffix in (("views", ""), ("masks", ".png")):
+        assert (tmp_path / folder / "left" / f"0.png{suffix}").is_file()
+        assert (tmp_path / folder / "left" / f"1.png{suffix}").read_text() == "a view that is there"
 
 
 def test_frames_of_a_video_that_is_no_panorama_are_not_cut(tmp_path):

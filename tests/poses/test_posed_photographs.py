@@ -95,16 +95,19 @@ def test_what_every_tool_reads_is_copied_to_the_byte_and_the_rest_becomes_png(tm
     folder = tmp_path / "in"
     (folder / "left side").mkdir(parents=True)
     Image.fromarray(pixels()).save(folder / "a.jpg", quality=90, exif=tags())
-    Image.fromarray(pixels()).save(folder / "left side" / "b 1.png")
+    Image.fromarray(pixels()).save(folder / "left side" / "b 1.PNG")
     Image.fromarray(pixels()).save(folder / "c.webp", lossless=True)
     Image.fromarray((pixels()[..., 0].astype(np.uint16) << 8) + 255).save(folder / "d.tif")
+    Image.fromarray(pixels()).quantize().save(folder / "e.png", transparency=0)
     made = prepared(folder, tmp_path / "out")
-    assert [p.name for p in made] == ["a.jpg", "c.png", "d.png", "left_side/b_1.png"]
+    assert [p.name for p in made] == ["a.jpg", "c.png", "d.png", "e.png", "left_side/b_1.PNG"]
     assert (tmp_path / "out" / "a.jpg").read_bytes() == (folder / "a.jpg").read_bytes()
-    assert (tmp_path / "out/left_side/b_1.png").read_bytes() == (folder / "left side/b 1.png").read_bytes()
+    assert (tmp_path / "out/left_side/b_1.PNG").read_bytes() == (folder / "left side/b 1.PNG").read_bytes()
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "out" / "c.png")), pixels())
     grey = np.asarray(Image.open(tmp_path / "out" / "d.png"))
     assert np.abs(grey[..., 0].astype(int) - pixels()[..., 0]).max() <= 1
+    with Image.open(tmp_path / "out" / "e.png") as image:
+        assert image.mode == "RGBA" and image.getextrema()[3] == (0, 255)
 
 
 def test_floating_point_pixels_are_refused_and_not_made_black(tmp_path):
@@ -168,6 +171,7 @@ def test_a_mask_says_the_same_in_the_search_for_poses_as_in_training(tmp_path):
     masks = {
         "rgba": Image.merge("RGBA", [white] * 3 + [shown]),
         "la": Image.merge("LA", [white, shown]),
+        "red": Image.merge("RGB", [white, shown, shown]),
         "p": erased,
         "deep": Image.fromarray(20_000 + 40_000 * left),
         "grey": Image.fromarray((127 + left).astype(np.uint8)),
@@ -232,18 +236,22 @@ def test_the_focal_length_is_that_of_the_equivalent_by_the_diagonal():
     focal = exif_of({FOCAL_35MM: 26}).focal
     assert focal and abs(2 * np.degrees(np.arctan(2500 / focal)) - 79.5) < 0.1
     assert exif_of({FOCAL_35MM: 26}, size=(2000, 1500)).focal == pytest.approx(focal / 2)
+    assert exif_of({FOCAL_35MM: 26, TAKEN_WIDTH: 4000}).focal == focal
 
 
-def test_the_focal_length_of_a_sensor_whose_pixels_per_inch_are_known():
-    inner = {FOCAL: 50.0, DENSITY: 4000 / (36 / 25.4), UNIT: 2, TAKEN_WIDTH: 4000, TAKEN_HEIGHT: 3000}
+@pytest.mark.parametrize("said, mm", [({}, 25.4), ({UNIT: 2}, 25.4), ({UNIT: 3}, 10)])
+def test_the_focal_length_of_a_sensor_whose_pixels_per_inch_or_centimetre_are_known(said, mm):
+    inner = {FOCAL: 50.0, DENSITY: 4000 / (36 / mm), **said, TAKEN_WIDTH: 4000, TAKEN_HEIGHT: 3000}
     assert exif_of(inner).focal == pytest.approx(50 / 36 * 4000)
     assert exif_of(inner, size=(1000, 750)).focal == pytest.approx(50 / 36 * 1000)
 
 
-CROPPED = {FOCAL_35MM: 26, TAKEN_WIDTH: 4000, TAKEN_HEIGHT: 2000}
+CROPPED = [{FOCAL_35MM: 26, TAKEN_WIDTH: 4000, TAKEN_HEIGHT: height} for height in (2000, 4000)]
+NONSENSE = [{FOCAL_35MM: value} for value in (0, -26, np.inf, np.nan, "?")]
+NO_SENSOR = [{FOCAL: 50.0} | more for more in ({}, {DENSITY: 1.0}, {DENSITY: 1e6}, {DENSITY: 4e3, UNIT: 1})]
 
 
-@pytest.mark.parametrize("inner", [{}, {FOCAL_35MM: 0}, {FOCAL: 50.0}, {FOCAL_35MM: "?"}, CROPPED])
+@pytest.mark.parametrize("inner", [{}, *NONSENSE, *NO_SENSOR, *CROPPED])
 def test_no_focal_length_is_taken_from_no_tag_from_nonsense_or_of_a_cropped_picture(inner):
     assert exif_of(inner).focal is None
 
@@ -285,13 +293,15 @@ def test_masks_of_photographs_turned_by_a_quarter_tell_how_those_of_others_lie(t
         np.testing.assert_array_equal(made, np.rot90(seen, turns), err_msg=name)
 
 
-def test_a_mask_painted_on_the_pixels_of_the_file_is_turned_along(tmp_path):
+@pytest.mark.parametrize("quarters", [0, 1], ids=["lying", "upright"])
+def test_a_mask_painted_on_the_pixels_of_the_file_is_turned_along(tmp_path, quarters):
     (tmp_path / "in").mkdir()
     (tmp_path / "masks").mkdir()
-    Image.fromarray(pixels()).save(tmp_path / "in" / "a b.jpg", exif=tags(6))
+    Image.fromarray(np.rot90(pixels(), quarters)).save(tmp_path / "in" / "a b.jpg", exif=tags(6))
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[:, : WIDTH // 3] = 0
-    Image.fromarray(mask).save(tmp_path / "masks" / "a b.png")
+    mask = np.rot90(mask, quarters)
+    Image.fromarray(mask[::2, ::2]).save(tmp_path / "masks" / "a b.png")  # smaller than the photograph
     photographs = prepared(tmp_path / "in", tmp_path / "out")
     assert prepare_masks(tmp_path / "masks", photographs, tmp_path / "made") == 1
     made = np.asarray(Image.open(tmp_path / "made" / "a_b.jpg.png"))

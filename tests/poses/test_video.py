@@ -52,6 +52,7 @@ def test_the_shift_of_two_pictures_is_found_at_any_exposure(dy, dx):
 
 def test_pictures_that_have_nothing_in_common_are_far_apart_and_empty_ones_do_not_move():
     assert shift(texture(0), texture(1)) == 32
+    assert shift(texture(), np.full((HEIGHT, WIDTH), 0.5)) == 32
     assert shift(np.full((HEIGHT, WIDTH), 0.5), np.full((HEIGHT, WIDTH), 0.9)) == 0
 
 
@@ -70,6 +71,8 @@ def test_blur_lowers_sharpness_and_exposure_does_not():
 def test_of_each_bucket_of_motion_the_sharpest_is_taken():
     marks = [FrameMark(k, 0.01 * k, 2.0 if k % 10 == 7 else 1.0) for k in range(100)]
     assert choose(marks, 10) == list(range(7, 100, 10))
+    there_and_back = [FrameMark(k, at, k + 1) for k, at in enumerate((0, 0.5, 0.4, 1))]
+    assert choose(there_and_back, 2) == [0, 3]
 
 
 def test_a_camera_that_rests_gives_one_frame_and_one_that_moves_more_gives_more():
