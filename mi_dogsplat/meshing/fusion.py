@@ -15,6 +15,7 @@ from ..scene.cameras import Camera
 from ..scene.splats import Array
 from .blocks import SIDE, VOXELS, Blocks
 from .occlusion import hidden
+from .pixels import pixel_of
 
 BITS = SIDE.bit_length() - 1  # of a coordinate within a block
 
@@ -64,17 +65,13 @@ def _add(sums, counts, rows, corners: list, numbers: list, depth, size: list) ->
     lane = dr.arange(mi.UInt32, dr.width(rows) * VOXELS)
     row, within = lane // VOXELS, lane % VOXELS
     steps = [mi.Float((within >> shift) & (SIDE - 1)) for shift in (2 * BITS, BITS, 0)]
-    fx, fy, cx, cy, near, per_truncation, *axes = numbers
+    *lens, near, per_truncation = numbers[:6]
+    axes = numbers[6:]
     x, y, z = (
         dr.gather(mi.Float, corner, row) + sum(step * along for step, along in zip(steps, axes[3 * k :], strict=False))
         for k, corner in enumerate(corners)
     )
-    ahead = z > near
-    inverse = dr.rcp(dr.select(ahead, z, 1))
-    column, line = dr.floor(dr.fma(fx * x, inverse, cx)), dr.floor(dr.fma(fy * y, inverse, cy))
-    height, width = size
-    inside = ahead & (column >= 0) & (line >= 0) & (column < mi.Float(width)) & (line < mi.Float(height))
-    pixel = mi.UInt32(dr.select(inside, line, 0)) * width + mi.UInt32(dr.select(inside, column, 0))
+    inside, pixel, _ = pixel_of((x, y, z), lens, near, size)
     there = dr.gather(mi.Float, depth, pixel, inside)
     distance = dr.select(there > 0, (there - z) * per_truncation, 1)
     told = inside & (distance >= -1)

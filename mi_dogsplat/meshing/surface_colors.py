@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..scene.splats import Array
+from .pixels import pixel_of
 from .surface_views import SurfaceViews
 
 UNSEEN = 0.5  # grey, for whoever needs a colour of what no view sees
@@ -52,14 +53,10 @@ def _device(values: Array) -> mi.Float:
 
 def _add(sums: list, places: list, normals: list | None, numbers: list, depth, color: list, size: list) -> None:
     """A view; a lane for each point."""
-    fx, fy, cx, cy, near, tolerance, *pose = numbers
+    *lens, near, tolerance = numbers[:6]
+    pose = numbers[6:]
     x, y, z = (_along(pose[3 * k : 3 * k + 3], places) + pose[9 + k] for k in range(3))
-    ahead = z > near
-    inverse = dr.rcp(dr.select(ahead, z, 1))
-    column, line = dr.floor(dr.fma(fx * x, inverse, cx)), dr.floor(dr.fma(fy * y, inverse, cy))
-    height, width = size
-    inside = ahead & (column >= 0) & (line >= 0) & (column < mi.Float(width)) & (line < mi.Float(height))
-    pixel = mi.UInt32(dr.select(inside, line, 0)) * width + mi.UInt32(dr.select(inside, column, 0))
+    inside, pixel, inverse = pixel_of((x, y, z), lens, near, size)
     there = dr.gather(mi.Float, depth, pixel, inside)
     seen = inside & (there > 0) & (dr.abs(there - z) <= tolerance)
     weight = mi.Float(1)
