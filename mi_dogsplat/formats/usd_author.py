@@ -10,8 +10,10 @@ import os
 import shutil
 import time
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,10 +67,10 @@ def place(prim: Usd.Prim, matrix: Array) -> None:
         UsdGeom.Xformable(prim).AddTransformOp().Set(Gf.Matrix4d(matrix.T))
 
 
-def write_stage(path: Path, stage: Usd.Stage) -> None:
+def write_stage(path: Path, stage: Usd.Stage, packed: Mapping[str, bytes] = MappingProxyType({})) -> None:
     """Write a stage as the name of a file says: text, binary, or a package with that inside; whole or not at all.
 
-    Raises ``DataError``.
+    ``packed``: files that lie beside the stage in a package, by their names. Raises ``DataError``.
     """
     from pxr import Tf
 
@@ -77,13 +79,13 @@ def write_stage(path: Path, stage: Usd.Stage) -> None:
         path.parent.stat()  # a folder that is missing is a typing error: none is made
         with replacing(path) as part, TemporaryDirectory(dir=part.parent, prefix=".usd.") as folder:
             try:
-                made = _saved(stage, Path(folder), suffix)
+                made = _saved(stage, Path(folder), suffix, packed)
             except Tf.ErrorException as error:  # as of a disk that is full
                 raise OSError(errno.EIO, reason(error)) from error
             shutil.move(made, part)
 
 
-def _saved(stage: Usd.Stage, folder: Path, suffix: str) -> Path:
+def _saved(stage: Usd.Stage, folder: Path, suffix: str, packed: Mapping[str, bytes]) -> Path:
     """The file in a folder that a stage has been written to. Raises ``OSError``, and errors of the library."""
     from pxr import Sdf
 
@@ -91,9 +93,13 @@ def _saved(stage: Usd.Stage, folder: Path, suffix: str) -> Path:
     stage.GetRootLayer().Export(str(made))
     if suffix != PACKAGE:
         return made
-    os.utime(made, (time.mktime(SAVED), time.mktime(SAVED)))
     package = Sdf.ZipFileWriter.CreateNew(str(made.with_suffix(PACKAGE)))
-    package.AddFile(str(made), made.name)
+    others = [folder / f"beside_{k}" for k in range(len(packed))]
+    for file, content in zip(others, packed.values(), strict=True):
+        file.write_bytes(content)
+    for file, name in zip((made, *others), (made.name, *packed), strict=True):
+        os.utime(file, (time.mktime(SAVED), time.mktime(SAVED)))
+        package.AddFile(str(file), name)
     package.Save()
     made = made.with_suffix(PACKAGE)
     if not zipfile.is_zipfile(made):  # its end is missing: of a full disk the library says nothing here

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,14 @@ from ..formats.gltf_author import INDICES, Accessors
 from ..formats.packing import LUF, RUB
 from ..formats.placed import placing
 from ..formats.usd_author import ROOT, author, new_stage, place, write_stage
-from ..formats.usd_files import NAMES, require_package
+from ..formats.usd_files import NAMES, PACKAGE, require_package
 from ..scene.drawing import Drawing
 from ..scene.ply_tables import RGB
 from ..support.errors import DataError
 from ..support.files import write_bytes
 from ..support.srgb import srgb_to_linear
 from .mesh import Mesh, Texture
+from .usd_look import paint
 
 UNLIT = "KHR_materials_unlit"
 SMOOTH = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}  # trilinear, and no second copy beside
@@ -75,7 +77,7 @@ def write_obj(path: Path, mesh: Mesh, _: Drawing) -> None:
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.tolist()]  # all that float32 tells apart
     corner, beside = "{0}", dict[Path, bytes]()
     if mesh.texture is not None:
-        corner, picture, material = "{0}/{0}", path.with_name(f"{path.stem}_texture.jpg"), path.with_suffix(".mtl")
+        corner, picture, material = "{0}/{0}", _beside(path), path.with_suffix(".mtl")
         said = f"newmtl surface\nKa 1 1 1\nKd 1 1 1\nillum 0\nmap_Kd {picture.name}\n"  # no light falls on it
         beside = {picture: _picture(mesh.texture), material: os.fsencode(said)}
         lines = [f"mtllib {material.name}", *lines, "usemtl surface"]
@@ -83,15 +85,8 @@ def write_obj(path: Path, mesh: Mesh, _: Drawing) -> None:
     elif mesh.colors is not None:
         lines = [f"{line} {r:.4g} {g:.4g} {b:.4g}" for line, (r, g, b) in zip(lines, mesh.colors.tolist(), strict=True)]
     lines += [" ".join(("f", *(corner.format(k) for k in face))) for face in (mesh.faces + 1).tolist()]
-    new = [file for file in beside if not file.exists()]
-    try:
-        for file, content in beside.items():
-            write_bytes(file, content)
+    with _written(beside):
         write_bytes(path, os.fsencode("\n".join(lines) + "\n"))  # names may be no UTF-8
-    except DataError:
-        for file in new:
-            file.unlink(missing_ok=True)
-        raise
 
 
 def write_gltf(path: Path, mesh: Mesh, drawing: Drawing) -> None:
@@ -119,7 +114,8 @@ def write_gltf(path: Path, mesh: Mesh, drawing: Drawing) -> None:
 
 
 def write_usd(path: Path, mesh: Mesh, drawing: Drawing) -> None:
-    """A prim ``Mesh`` with linear colours, as OpenUSD takes them to be; no subdivision."""
+    """A prim ``Mesh`` with linear colours, as OpenUSD takes them to be, or with a texture; no subdivision. The picture
+    is in a .usdz, or beside another file: ``NAME_texture.jpg``."""
     from pxr import UsdGeom
 
     stage = new_stage()
@@ -134,7 +130,35 @@ def write_usd(path: Path, mesh: Mesh, drawing: Drawing) -> None:
         colors = author(prim, "primvars:displayColor", "color3f[]", srgb_to_linear(mesh.colors))
         UsdGeom.Primvar(colors).SetInterpolation(UsdGeom.Tokens.vertex)
     place(prim, placing(drawing, RUB))
-    write_stage(path, stage)
+    if mesh.texture is None:
+        write_stage(path, stage)
+        return
+    picture, content = _beside(path), _picture(mesh.texture)
+    paint(prim, mesh.texture.uv, f"./{picture.name}")
+    if path.suffix.lower() == PACKAGE:
+        write_stage(path, stage, {picture.name: content})
+        return
+    with _written({picture: content}):
+        write_stage(path, stage)
+
+
+def _beside(path: Path) -> Path:
+    """The picture of a mesh that has none inside of its file."""
+    return path.with_name(f"{path.stem}_texture.jpg")
+
+
+@contextmanager
+def _written(beside: Mapping[Path, bytes]) -> Iterator[None]:
+    """Write files beside one that is written here; if that cannot be, those that are new are not left."""
+    new = [file for file in beside if not file.exists()]
+    try:
+        for file, content in beside.items():
+            write_bytes(file, content)
+        yield
+    except DataError:
+        for file in new:
+            file.unlink(missing_ok=True)
+        raise
 
 
 def _picture(texture: Texture) -> bytes:
@@ -146,6 +170,6 @@ def _picture(texture: Texture) -> bytes:
     return file.getvalue()
 
 
-WITH_TEXTURE = (write_obj, write_gltf)
+WITH_TEXTURE = (write_obj, write_gltf, write_usd)
 WRITERS: dict[str, Writer] = {".ply": write_ply, ".obj": write_obj, **dict.fromkeys((".glb", ".gltf"), write_gltf),
                              **dict.fromkeys(NAMES, write_usd)}  # fmt: skip

@@ -21,7 +21,7 @@ from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import linear_to_srgb
 from PIL import Image
-from pxr import Usd, UsdGeom, UsdValidation
+from pxr import Ar, Usd, UsdGeom, UsdShade, UsdValidation
 from splat_scenes import make_splats, rounded
 
 VERTICES = np.array([[0, 0, 0], [1.5, 0, 0], [0, 2.25, 0], [0, 0, -1e-3]])
@@ -140,10 +140,11 @@ def test_a_texture_is_found_whatever_its_name(tmp_path):
     assert (tmp_path / f"{name}_texture.jpg").is_file()
 
 
-def test_without_an_obj_nothing_of_its_texture_is_left(tmp_path):
-    path = tmp_path / "mesh.obj"
+@pytest.mark.parametrize("suffix", [".obj", ".usda"])
+def test_without_the_mesh_nothing_of_its_texture_is_left(suffix, tmp_path):
+    path = tmp_path / f"mesh{suffix}"
     path.mkdir()
-    with pytest.raises(DataError, match="mesh.obj"):
+    with pytest.raises(DataError, match=f"mesh{suffix}"):
         writer_of(path, texture=True)(path, PAINTED, Drawing())
     assert [*tmp_path.iterdir()] == [path]
 
@@ -164,12 +165,33 @@ def test_gltf_holds_its_texture(suffix, tmp_path):
     assert all(view["byteOffset"] % 4 == 0 for view in content["bufferViews"])
 
 
-@pytest.mark.parametrize("suffix", [".ply", *NAMES])
-def test_formats_without_textures_are_one_line(suffix, tmp_path):
+@pytest.mark.parametrize("suffix", NAMES)
+def test_openusd_shows_its_texture_without_light(suffix, tmp_path):
     path = tmp_path / f"mesh{suffix}"
-    said = rf"mesh{suffix}: has no place for a texture; name a file that ends in .obj, .glb"
+    writer_of(path, texture=True)(path, PAINTED, Drawing())
+    beside = [] if suffix == ".usdz" else ["mesh_texture.jpg"]
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted([path.name, *beside])
+    stage = Usd.Stage.Open(str(path))
+    (prim,) = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    uv = UsdGeom.PrimvarsAPI(prim).GetPrimvar("st")
+    np.testing.assert_allclose(np.array(uv.Get()), np.stack([UV[:, 0], 1 - UV[:, 1]], axis=1), atol=1e-7)
+    assert uv.GetInterpolation() == "vertex" and not UsdGeom.Mesh(prim).GetDisplayColorPrimvar().HasValue()
+    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+    surface, _, _ = material.ComputeSurfaceSource()
+    texture = UsdShade.Shader(surface.GetInput("emissiveColor").GetConnectedSources()[0][0].source)
+    assert texture.GetIdAttr().Get() == "UsdUVTexture"
+    named = texture.GetInput("file").Get()
+    assert named.path == "./mesh_texture.jpg"
+    with Image.open(io.BytesIO(Ar.GetResolver().OpenAsset(Ar.ResolvedPath(named.resolvedPath)).GetBuffer())) as picture:
+        np.testing.assert_allclose(np.asarray(picture) / 255, QUARTERS, atol=0.02)
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert [error.GetMessage() for error in UsdValidation.ValidationContext(validators).Validate(stage)] == []
+
+
+def test_ply_has_no_texture(tmp_path):
+    said = r"mesh.ply: has no place for a texture; name a file that ends in .obj, .glb"
     with pytest.raises(DataError, match=said):
-        writer_of(path, texture=True)
+        writer_of(tmp_path / "mesh.ply", texture=True)
 
 
 @pytest.mark.parametrize("suffix", NAMES)
