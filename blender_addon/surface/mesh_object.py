@@ -32,14 +32,14 @@ COLOR = "Color"  # what Blender itself calls the first one
 
 
 def build_surface(obj: bpy.types.Object, path: Path) -> bpy.types.Object:
-    """A child of the splats in their collections, after an error, nothing. One with a texture is there to be seen; any
+    """A child of the splats in their collections; after an error, nothing. One with a texture is there to be seen. Any
     other is drawn as wire, and not rendered.
 
     Raises ``ValueError`` for a file that is not as ``dogsplat mesh`` writes it.
     """
     has_texture = path.suffix == ".obj"
     try:
-        *values, faces = read_textured(path) if has_texture else read_surface(path)
+        positions, faces, shown = read_textured(path) if has_texture else read_surface(path)
     except (ValueError, KeyError):
         raise ValueError(told("dogsplat mesh has written what the add-on cannot read; update both")) from None
     mesh = bpy.data.meshes.new(f"{obj.name} surface")
@@ -47,14 +47,11 @@ def build_surface(obj: bpy.types.Object, path: Path) -> bpy.types.Object:
     with ExitStack() as undo:
         undo.callback(bpy.data.meshes.remove, mesh)
         undo.callback(bpy.data.objects.remove, surface)  # first
+        _fill(mesh, positions, faces)
         if has_texture:
-            positions, uv = values
-            _fill(mesh, positions, faces)
-            painted(mesh, uv, faces, path.with_name(f"{path.stem}{ENDS}"))
+            painted(mesh, shown, faces, path.with_name(f"{path.stem}{ENDS}"))
         else:
-            (vertices,) = values
-            _fill(mesh, vertices["position"], faces)
-            _color(mesh, vertices["rgb"])
+            _color(mesh, shown)
         for collection in obj.users_collection:
             collection.objects.link(surface)
         surface.parent = obj
@@ -64,8 +61,8 @@ def build_surface(obj: bpy.types.Object, path: Path) -> bpy.types.Object:
     return surface
 
 
-def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(vertices of the type ``VERTEX``, corners of faces [F, 3]). Raises ``ValueError`` or ``KeyError`` for any other
+def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(positions [V, 3], corners [F, 3], colours uint8 [V, 3]). Raises ``ValueError`` or ``KeyError`` for any other
     file."""
     data = path.read_bytes()
     head, end, _ = data.partition(b"end_header\n")
@@ -75,7 +72,7 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise ValueError
     vertices = np.frombuffer(data, VERTEX, own["vertices"], len(head + end))
     faces = np.frombuffer(data, FACE, own["faces"], len(head + end) + vertices.nbytes)
-    return vertices, faces["corners"]
+    return vertices["position"], faces["corners"], vertices["rgb"]
 
 
 def _fill(mesh: bpy.types.Mesh, positions: np.ndarray, corners: np.ndarray) -> None:

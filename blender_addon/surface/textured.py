@@ -14,7 +14,7 @@ ENDS = "_texture.jpg"  # of the name of the picture, beside that of the mesh
 
 
 def read_textured(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(positions [V, 3], places in the picture [V, 2], corners [F, 3]). Raises ``ValueError`` for any other file."""
+    """(positions [V, 3], corners [F, 3], places in the picture [V, 2]). Raises ``ValueError`` for any other file."""
     rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "f": []}
     for line in path.read_text(encoding="ascii").splitlines():
         kind, *words = line.split()
@@ -24,7 +24,7 @@ def read_textured(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     positions, uv = (np.array(rows[kind], np.float32) for kind in ("v", "vt"))
     if corners.shape[1:] != (3, 2) or (corners[..., 0] != corners[..., 1]).any() or len(positions) != len(uv):
         raise ValueError
-    return positions, uv, corners[..., 0] - 1
+    return positions, corners[..., 0] - 1, uv
 
 
 def painted(mesh: bpy.types.Mesh, uv: np.ndarray, corners: np.ndarray, picture: Path) -> None:
