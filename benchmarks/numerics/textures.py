@@ -19,8 +19,10 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import View
+from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.meshing.make import make_mesh
 from mi_dogsplat.meshing.mesh_config import MeshConfig
+from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.support.variants import set_variant
 
@@ -54,29 +56,29 @@ def main(argv: list[str]) -> None:
             colours = f"texture {config.texture}x{config.texture}" if config.texture else "of vertices"
             size = sum(file.stat().st_size for file in files) / 1000
             row = f"{made.n_faces:9,d}  {colours:18s}{size:8,.0f}{seconds:9.0f}"
-            print(f"{row}{np.mean([psnr(shown(out, view), view) for view in views]):7.2f}", flush=True)
+            print(f"{row}{np.mean([nearness(out, view) for view in views]):7.2f}", flush=True)
 
 
-def shown(path: Path, view: View) -> np.ndarray:
-    """[H, W, 4] the colours of a mesh, in sRGB, and whether it is there."""
+def shown(path: Path, camera: Camera, spp: int = SPP) -> np.ndarray:
+    """[H, W, 4] the colours of a mesh, in sRGB and premultiplied, and how much of a pixel it covers."""
     if path.suffix == ".ply":
         colors = {"type": "mesh_attribute", "name": "vertex_color", "scale": 1 / 255}
     else:
         colors = {"type": "bitmap", "filename": str(path.with_name(f"{path.stem}_texture.jpg")), "raw": True}
-    sensor = camera_to_mitsuba(view.camera)
+    sensor = camera_to_mitsuba(camera)
     sensor["film"] |= {"pixel_format": "rgba", "rfilter": {"type": "box"}}
     bsdf = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colors}}
     mesh = {"type": path.suffix[1:], "filename": str(path), "bsdf": bsdf}
     integrator = {"type": "aov", "aovs": "color:albedo", "alpha": {"type": "direct"}}
     scene = {"type": "scene", "integrator": integrator, "sensor": sensor, "mesh": mesh}
-    film = np.array(mi.render(mi.load_dict(scene), spp=SPP))
+    film = np.array(mi.render(mi.load_dict(scene), spp=spp))
     return film[..., [-3, -2, -1, 3]]
 
 
-def psnr(drawn: np.ndarray, view: View) -> float:
-    """dB of what is drawn, over the pixels that it and the photograph cover."""
+def nearness(path: Path, view: View) -> float:
+    """PSNR of what is drawn of a mesh, over the pixels that it and the photograph cover."""
+    drawn, photograph = shown(path, view.camera), view.image
     there = drawn[..., 3] > COVERED
-    if view.image.shape[2] == 4:
-        there &= view.image[..., 3] > COVERED
-    error = np.square(drawn[there][:, :3] - view.image[there][:, :3]).mean()
-    return float(-10 * np.log10(error))
+    if photograph.shape[2] == 4:
+        there &= photograph[..., 3] > COVERED
+    return psnr(drawn[..., :3], photograph[..., :3], there)

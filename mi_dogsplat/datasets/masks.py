@@ -74,9 +74,10 @@ def mask_files(folder: Path) -> dict[str, Path]:
 def without_mask(folder: str | Path | None, views: Iterable[str]) -> list[str]:
     """A line on those views, by their names, that have no mask in the folder, as where its files are named otherwise;
     none where all have one, or without a folder."""
-    names = sorted(views)
-    paths = mask_files(Path(folder)) if folder else {}
-    whole = [name for name in names if folder and composed(name) not in paths]
+    if not folder:
+        return []
+    names, paths = sorted(views), mask_files(Path(folder))
+    whole = [name for name in names if composed(name) not in paths]
     said = f"{folder}: no mask for {len(whole)} of {len(names)} images"
     return [f"{said}, such as {whole[0]}: all of their pixels count"] if whole else []
 

@@ -38,11 +38,10 @@ class Texels:
         return (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300))[self.face]
 
 
-def texels_of(mesh: Mesh) -> Texels:
-    """Of a mesh with a texture; a pixel on an edge may be there twice."""
-    assert mesh.texture is not None
-    size = len(mesh.texture.pixels)
-    corners = mesh.texture.uv[mesh.faces] * size  # [F, 3, 2] in pixels
+def texels_of(mesh: Mesh, uv: Array, size: int) -> Texels:
+    """Of a picture of ``size`` x ``size`` pixels in which vertices are at ``uv`` [V, 2]; one on an edge may be there
+    twice."""
+    corners = uv[mesh.faces] * size  # [F, 3, 2] in pixels
     first = np.clip(np.floor(corners.min(axis=1)), 0, size - 1).astype(np.int64)  # [F, 2] column, row
     n = np.clip(np.floor(corners.max(axis=1)), 0, size - 1).astype(np.int64) - first + 1
     (ux, uy), (vx, vy) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T

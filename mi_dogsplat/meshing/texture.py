@@ -13,7 +13,7 @@ from ..scene.splats import Array
 from ..support.memory import available_memory
 from ..support.settings import refuse
 from ..support.wording import file_size
-from .mesh import Mesh
+from .mesh import Mesh, Texture
 from .surface_colors import UNSEEN, surface_colors
 from .surface_views import SurfaceViews
 from .texels import Texels, texels_of
@@ -32,15 +32,13 @@ def textured(mesh: Mesh, size: int, views: SurfaceViews, tolerance: float, show:
     """
     if not len(mesh.faces):
         return mesh
-    flat = unwrapped(mesh, size)
-    assert flat.texture is not None
-    texels = texels_of(flat)
+    flat, uv = unwrapped(mesh, size)
+    texels = texels_of(flat, uv, size)
     points = texels.between(flat.vertices)
     colors = surface_colors(points, views, tolerance, show, texels.normals())
     seen = np.isfinite(colors[:, 0])
     if not seen.any():
-        pixels = np.full((size, size, 3), UNSEEN, np.float32)
-        return replace(flat, texture=replace(flat.texture, pixels=pixels))
+        return replace(flat, texture=Texture(uv, np.full((size, size, 3), UNSEEN, np.float32)))
     colors[~seen] = _from_afar(texels, points[seen], colors[seen])[~seen]
     pixels, charts = np.zeros((size, size, 3), np.float32), np.full((size, size), -1)
     pixels[texels.row, texels.column] = colors
@@ -50,7 +48,7 @@ def textured(mesh: Mesh, size: int, views: SurfaceViews, tolerance: float, show:
     row, column = _nearest(was_seen)
     in_chart = ~was_seen & (charts >= 0) & (charts[row, column] == charts)
     pixels[in_chart] = pixels[row[in_chart], column[in_chart]]
-    return replace(flat, texture=replace(flat.texture, pixels=pixels[_nearest(charts >= 0)]))
+    return replace(flat, texture=Texture(uv, pixels[_nearest(charts >= 0)]))
 
 
 def require_room_for(size: int) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from .mesh import Mesh, Texture
+from ..scene.splats import Array
+from .mesh import Mesh
 
 GAP = 2  # pixels between charts, so that a picture that is shown smaller mixes none
 
 
-def unwrapped(mesh: Mesh, size: int) -> Mesh:
-    """The mesh with a place in a picture of ``size`` x ``size`` pixels for each vertex, and nothing painted there yet.
+def unwrapped(mesh: Mesh, size: int) -> tuple[Mesh, Array]:
+    """The mesh, and for each vertex its place [V, 2] in a picture of ``size`` x ``size`` pixels, as in ``Texture``.
 
     A vertex on the border of several charts becomes as many. Colours of vertices are gone.
     """
@@ -22,5 +23,4 @@ def unwrapped(mesh: Mesh, size: int) -> Mesh:
     atlas.add_mesh((mesh.vertices - centre).astype(np.float32), mesh.faces.astype(np.uint32))
     atlas.generate(xatlas.ChartOptions(), packing)
     origins, faces, uv = atlas[0]
-    texture = Texture(uv.astype(np.float64), np.zeros((size, size, 3), np.float32))
-    return Mesh(mesh.vertices[origins], faces.astype(np.int64), texture=texture)
+    return Mesh(mesh.vertices[origins], faces.astype(np.int64)), uv.astype(np.float64)

@@ -8,7 +8,6 @@ Agullo, CC-BY-4.0).
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
@@ -26,6 +25,8 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.drawing import Drawing, drawn_as
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.support.srgb import linear_to_srgb
+
+from benchmarks.numerics.textures import shown
 
 from .panels import write_rows
 
@@ -67,8 +68,7 @@ def looks(mesh: Mesh, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "mesh.ply"
         write_ply(path, mesh, Drawing())
-        colors = {"type": "mesh_attribute", "name": "vertex_color", "scale": 1 / 255}
-        return shaded(path, camera), unlit(path, camera, colors)
+        return shaded(path, camera), unlit(path, camera)
 
 
 def with_texture(mesh: Mesh, camera: Camera) -> np.ndarray:
@@ -76,7 +76,7 @@ def with_texture(mesh: Mesh, camera: Camera) -> np.ndarray:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "mesh.obj"
         write_obj(path, mesh, Drawing())
-        return unlit(path, camera, {"type": "bitmap", "filename": f"{folder}/mesh_texture.jpg", "raw": True})
+        return unlit(path, camera)
 
 
 def shaded(path: Path, camera: Camera) -> np.ndarray:
@@ -84,25 +84,20 @@ def shaded(path: Path, camera: Camera) -> np.ndarray:
     around = {"type": "constant", "radiance": 0.35}
     direction = list(camera.c2w[:3, :3] @ (0.4, 0.5, 1))
     lamp = {"type": "directional", "direction": direction, "irradiance": 2.0}
-    grey = {"type": "rgb", "value": 0.6}
-    film = rendered(path, camera, grey, {"type": "path", "max_depth": 2, "hide_emitters": True}, lamp=lamp, env=around)
+    grey = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.6}}}
+    sensor = camera_to_mitsuba(camera)
+    sensor["film"]["pixel_format"] = "rgba"
+    mesh = {"type": "ply", "filename": str(path), "bsdf": grey}
+    integrator = {"type": "path", "max_depth": 2, "hide_emitters": True}
+    scene = {"type": "scene", "integrator": integrator, "sensor": sensor, "mesh": mesh, "lamp": lamp, "around": around}
+    film = np.array(mi.render(mi.load_dict(scene), spp=64))
     return linear_to_srgb(film[..., :3]) + BACKGROUND * (1 - film[..., 3:4])
 
 
-def unlit(path: Path, camera: Camera, colors: dict[str, Any]) -> np.ndarray:
+def unlit(path: Path, camera: Camera) -> np.ndarray:
     """[H, W, 3] in its own colours, sRGB, without light."""
-    film = rendered(path, camera, colors, {"type": "aov", "aovs": "color:albedo,z:depth"})
-    return np.where(film[..., -1:] > 0, film[..., -4:-1], BACKGROUND)
-
-
-def rendered(path: Path, camera: Camera, reflectance: dict[str, Any], integrator: dict, **lamps: dict) -> np.ndarray:
-    """[H, W, channels]"""
-    sensor = camera_to_mitsuba(camera)
-    sensor["film"]["pixel_format"] = "rgba"
-    bsdf = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": reflectance}}
-    mesh = {"type": path.suffix[1:], "filename": str(path), "bsdf": bsdf}
-    scene = {"type": "scene", "integrator": integrator, "sensor": sensor, "mesh": mesh, **lamps}
-    return np.array(mi.render(mi.load_dict(scene), spp=64))
+    film = shown(path, camera, 64)
+    return film[..., :3] + BACKGROUND * (1 - film[..., 3:])
 
 
 if __name__ == "__main__":

@@ -55,13 +55,13 @@ AROUND = [(3.0, 0.4, 2.0), (-3.0, -0.4, 2.0), (0.4, 3.0, 2.0), (-0.4, -3.0, 2.0)
 @pytest.mark.parametrize("away", [0 * FAR, FAR], ids=["at the origin", "far away"])
 def test_charts_do_not_overlap_and_keep_every_triangle(away):
     mesh = Mesh((CORNERS + away).astype(np.float32), PYRAMID, np.ones((5, 3)))
-    flat = unwrapped(mesh, SIZE)
-    assert flat.texture is not None and flat.colors is None
+    flat, uv = unwrapped(mesh, SIZE)
+    assert flat.colors is None
     np.testing.assert_array_equal(flat.vertices[flat.faces], mesh.vertices[mesh.faces])
-    assert flat.texture.uv.min() >= 0 and flat.texture.uv.max() <= 1
-    texels = texels_of(flat)
+    assert uv.min() >= 0 and uv.max() <= 1
+    texels = texels_of(flat, uv, SIZE)
     assert len(np.unique(texels.row * SIZE + texels.column)) == len(texels.row) > SIZE**2 / 4
-    corners, flat_corners = flat.vertices[flat.faces].astype(float), flat.texture.uv[flat.faces]
+    corners, flat_corners = flat.vertices[flat.faces].astype(float), uv[flat.faces]
     sides = [np.linalg.norm(np.diff(c, axis=1), axis=2) for c in (corners, flat_corners)]
     stretch = sides[1] / sides[0]
     assert stretch.max() < 3 * stretch.min()  # none is small in the picture that is large on the surface
@@ -72,7 +72,7 @@ def test_a_texture_has_the_colours_that_the_views_show():
     views: Any = pictures(AROUND)
     found = textured(mesh, SIZE, views, 0.05, lambda: calls.append(1))
     assert found.texture is not None and len(calls) == len(AROUND)
-    texels, pixels = texels_of(found), found.texture.pixels
+    texels, pixels = texels_of(found, found.texture.uv, SIZE), found.texture.pixels
     off = abs(pixels[texels.row, texels.column] - colour(texels.between(found.vertices)))
     assert off.mean() < 0.01 and off.max() < 0.1
     least, most = pixels[texels.row, texels.column].min((0,)), pixels[texels.row, texels.column].max((0,))
@@ -84,7 +84,7 @@ def test_what_no_view_sees_lies_between_the_colours_at_its_corners():
     views: Any = pictures(AROUND[:-1])
     found = textured(mesh, SIZE, views, 0.05, lambda: None)
     assert found.texture is not None
-    texels = texels_of(found)
+    texels = texels_of(found, found.texture.uv, SIZE)
     below = texels.normals()[:, 2] < -0.9
     shown = found.texture.pixels[texels.row[below], texels.column[below]]
     assert below.sum() > 1000
