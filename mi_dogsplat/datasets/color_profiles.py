@@ -1,8 +1,8 @@
 """Colours of an image file as sRGB, where the file says that they are others.
 
 Phones photograph in Display P3, some cameras in Adobe RGB. The same numbers taken as sRGB are paler than the scene was.
-A file says so by the chunk cICP of a PNG, which comes before all else there, by an ICC profile, or, of Adobe RGB, by
-EXIF alone (JEITA CP-3461, DCF 2.0).
+A file says so by the chunk cICP of a PNG, which comes before all else there, by an ICC profile, by numbers of HEIF that
+are those of cICP, or, of Adobe RGB, by EXIF alone (JEITA CP-3461, DCF 2.0).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from PIL import ExifTags, Image, ImageCms
 from PIL.PngImagePlugin import PngImageFile
 
 from ..support.srgb import srgb_to_linear
+from .heif import code_of
 from .primaries import ADOBE_RGB, WIDE, Primaries, srgb_levels
 
 CHANNELS = slice(16, 20)  # of the header of a profile, by ICC.1
@@ -42,16 +43,25 @@ class Encoding:
 def space_of(image: Image.Image) -> bytes | Encoding | None:
     """The colours of an image whose pixels are not read yet: its ICC profile, what it says else, or None for nothing.
 
-    Raises ``ValueError`` for colours of a PNG that are not read, such as HDR.
+    Raises ``ValueError`` for colours that a PNG or HEIF names and that are not read, such as HDR.
     """
     code = _coded(image) if isinstance(image, PngImageFile) else None
     if code is not None:
         primaries, curve, matrix, full = code
-        if matrix or full != 1 or curve not in CURVES or primaries not in (*LIKE_SRGB, *WIDE):
-            raise ValueError(f"its colours, {primaries}/{curve}/{matrix}/{full} by cICP, are not read; save it as sRGB")
-        return Encoding(WIDE[primaries]) if primaries in WIDE else None
-    profile = image.info.get("icc_profile")
-    return profile or (Encoding(ADOBE_RGB, ADOBE_GAMMA) if _is_adobe_rgb(image) else None)
+        return _named(primaries, curve, f"{primaries}/{curve}/{matrix}/{full} by cICP", not matrix and full == 1)
+    if profile := image.info.get("icc_profile"):
+        return profile
+    numbers = code_of(image)
+    if numbers is not None:
+        return _named(*numbers, "{}/{} by nclx".format(*numbers))
+    return Encoding(ADOBE_RGB, ADOBE_GAMMA) if _is_adobe_rgb(image) else None
+
+
+def _named(primaries: int, curve: int, said: str, is_rgb: bool = True) -> Encoding | None:
+    """Colours by their numbers in ISO/IEC 23091-2; ``said`` is how a file writes them."""
+    if not is_rgb or curve not in CURVES or primaries not in (*LIKE_SRGB, *WIDE):
+        raise ValueError(f"its colours, {said}, are not read; save it as sRGB")
+    return Encoding(WIDE[primaries]) if primaries in WIDE else None
 
 
 def in_rgb(image: Image.Image, space: bytes | Encoding | None, mode: str) -> Image.Image:

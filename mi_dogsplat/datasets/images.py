@@ -3,6 +3,7 @@
 - **EXIF orientation is ignored.** Structure from motion calibrates the stored pixel grid, so turning the
   image would break its camera. Pillow turns TIFFs by itself: that is undone.
 - **OpenEXR** holds linear radiance (``exr.py``).
+- **HEIF** of phones and cameras comes upright (``heif.py``).
 - **Colours become sRGB** where the file says that they are others (``color_profiles.py``).
 - 16-bit grey PNG keeps its depth; 16-bit colour PNG is read with 8 bits, which is what Pillow offers.
 """
@@ -23,6 +24,7 @@ from ..support.errors import DataError
 from .claimed_size import require_photograph
 from .color_profiles import Encoding, as_srgb, grey_curve, in_rgb, space_of
 from .exr import exr_header, is_exr, read_exr
+from .heif import is_heif, opened
 
 EXIF_ORIENTATION = 274
 TURNS = {
@@ -39,7 +41,7 @@ BACK = {
     Image.Transpose.ROTATE_270: Image.Transpose.ROTATE_90,
 }  # what undoes a turn; each of the others undoes itself
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
-PHONES = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIF", b"avif": "AVIF"}  # by the brand of ISO/IEC 14496-12
+AVIF = b"ftypavif"  # bytes 4 to 12, by ISO/IEC 14496-12
 FORMS: tuple[Literal["NFC", "NFD"], ...] = ("NFC", "NFD")  # of Unicode: letters with their marks, or both apart
 Image.init()  # makes all formats known: by itself Pillow does so when the first few have failed
 UNREADABLE = (
@@ -47,7 +49,9 @@ UNREADABLE = (
     SyntaxError,
     ValueError,
     Image.DecompressionBombError,
-)  # what Pillow raises for bad files
+    EOFError,
+    RuntimeError,
+)  # what Pillow raises for bad files, and libheif, which has the last two
 
 
 def is_file(path: Path) -> bool:
@@ -77,11 +81,15 @@ def open_image(path: Path) -> Iterator[Image.Image]:
     # not by its name: Pillow would map the file to memory, with width and height of a turned TIFF exchanged
     with path.open("rb") as file:
         try:
-            opened = Image.open(file, formats=FORMATS)
+            image = Image.open(file, formats=FORMATS)
         except UnidentifiedImageError:
             file.seek(0)
-            raise ValueError(_unidentified(file.read(16))) from None
-        with opened as image:
+            head = file.read(16)
+            file.seek(0)
+            if not is_heif(head):
+                raise ValueError(_unidentified(head)) from None
+            image = opened(file)
+        with image:
             require_photograph(image.width, image.height, path.stat().st_size)
             yield image
 
@@ -90,9 +98,9 @@ def _unidentified(head: bytes) -> str:
     """What a file of none of the ``FORMATS`` is, by its first 16 bytes."""
     if not head:
         return "it is empty"
-    if head[4:8] == b"ftyp" and head[8:12] in PHONES:
-        return f"it is {PHONES[head[8:12]]}: export it as JPEG or PNG"
-    return f"it is no {', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
+    if head[4:12] == AVIF:
+        return "it is AVIF: export it as JPEG or PNG"
+    return f"it is no {', '.join(FORMATS)} or HEIF"
 
 
 def stored(image: Image.Image) -> Image.Image:

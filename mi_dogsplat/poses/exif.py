@@ -8,6 +8,7 @@ from typing import Any
 
 from PIL import ExifTags, Image
 
+from ..datasets.heif import orientation_of
 from ..datasets.images import TURNS
 from .gravity import down_of
 
@@ -45,7 +46,7 @@ def read_exif(image: Image.Image) -> Exif:
     tags = {**top, **more}
     names = [str(tags.get(tag, "")).strip("\0 ") for tag in DEVICE]
     turn = TURNS.get(tags.get(ExifTags.Base.Orientation, 1))
-    down = down_of(image, tags, turn)
+    down = down_of(image, tags, TURNS.get(orientation_of(image)) if turn is None else turn)
     known = None if down is None else tuple(down.tolist())
     return Exif(" ".join(filter(None, names)), _focal(tags, image.size), turn, known)
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Collection
 from pathlib import Path
 
+from ..datasets import heif
 from ..datasets.colmap import find_model
 from ..datasets.masks import SUFFIXES
 from ..datasets.numbered_models import numbered_models
@@ -17,12 +18,12 @@ from ..support.wording import counted
 from .config import SETTINGS
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")
-PHONES = (".heic", ".heif", ".hif", ".avif", ".jxl")  # and cameras; Pillow reads none of them everywhere
+NEWER = (".avif", ".jxl")  # Pillow reads neither of them everywhere
 RAW = (
     ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".rwl", ".srw", ".pef",
     ".3fr", ".fff", ".iiq", ".x3f", ".gpr", ".mrw", ".erf", ".dcr", ".kdc",
 )  # fmt: skip
-PHOTOGRAPHS = (*SUFFIXES, *PHONES, *RAW)
+PHOTOGRAPHS = (*SUFFIXES, *heif.SUFFIXES, *NEWER, *RAW)
 MASKS = "masks"  # the name of their folder
 FEWEST = 2
 OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
@@ -53,9 +54,9 @@ def find_photographs(folder: Path, out: Path, masks: Path | None = None) -> dict
     """
     top = folder / "images" if (folder / "images").is_dir() else folder
     without = {path.resolve() for path in (out, masks) if path is not None}
-    others, found = (_files(top, suffixes, without) for suffixes in ((*PHONES, *RAW), SUFFIXES))
-    stems = {path.with_suffix("") for path in found}  # a camera may write both
-    if unread := [path for path in others if path.with_suffix("") not in stems]:
+    found = _files(top, SUFFIXES, without)
+    found = sorted(found + _others(_files(top, heif.SUFFIXES, without), found))
+    if unread := _others(_files(top, (*NEWER, *RAW), without), found):
         kind = "raw" if unread[0].suffix.lower() in RAW else unread[0].suffix[1:].upper()
         problem = f"{kind} images cannot be read here ({len(unread)} of {len(unread) + len(found)} are such)"
         raise DataError(unread[0], problem, "export them as JPEG or PNG, in the size in which they were taken")
@@ -66,6 +67,12 @@ def find_photographs(folder: Path, out: Path, masks: Path | None = None) -> dict
         n = "no image" if not found else "a single image"
         raise DataError(top, f"has {n}, and depth shows in several alone", remedy)
     return {path.relative_to(top).as_posix(): path for path in found}
+
+
+def _others(files: list[Path], found: list[Path]) -> list[Path]:
+    """Files of pictures that are not among those ``found``: a camera may write one picture in two formats."""
+    stems = {path.with_suffix("") for path in found}
+    return [path for path in files if path.with_suffix("") not in stems]
 
 
 def not_taken(source: Path, masks: Path | None = None) -> list[str]:

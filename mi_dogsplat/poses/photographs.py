@@ -15,6 +15,7 @@ from PIL import Image
 
 from ..datasets.color_profiles import Encoding, as_srgb, in_rgb, space_of
 from ..datasets.dataset import require_unique_names, view_name
+from ..datasets.heif import FORMAT as HEIF
 from ..datasets.images import UNREADABLE, open_image, read_image, stored, stored_size
 from ..datasets.masks import composed, mask_files, no_mask, require_white
 from ..support.cores import usable_cores
@@ -24,7 +25,9 @@ from .exif import QUARTER_TURNS, read_exif
 
 AS_THEY_ARE = {"JPEG": "RGB L", "PNG": "RGB L RGBA"}  # modes that every tool reads; the file is copied
 KINDS = {"MPO": "JPEG"}  # a JPEG with a preview behind the picture, as drones and phones write it
-QUALITY = {"quality": 95, "subsampling": 0}  # of JPEG where pixels were turned
+LOSSY = ("JPEG", HEIF)  # become JPEG where they are not copied: a PNG of them would be several times as large
+SUFFIXES = {"JPEG": ".jpg", "PNG": ".png"}
+QUALITY = {"quality": 95, "subsampling": 0}  # of JPEG where files are not copied
 
 
 @dataclass(frozen=True)
@@ -47,9 +50,9 @@ class Photograph:
 def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, int], None]) -> list[Photograph]:
     """Write each image into ``folder``, turned as its EXIF says, unless it is there; in the order of the names.
 
-    Files are copied as they are, but what has to be turned, or is no plain JPEG or PNG. White space in their names
-    becomes ``_``, as COLMAP's text files have it between names, and so do a ``#`` that begins a name, as it begins
-    comments there, and bytes that are no UTF-8. Raises ``DataError`` for a file that cannot be decoded.
+    Files are copied as they are, but what has to be turned, or is no plain JPEG or PNG: HEIF becomes JPEG. White space
+    in their names becomes ``_``, as COLMAP's text files have it between names, and so do a ``#`` that begins a name, as
+    it begins comments there, and bytes that are no UTF-8. Raises ``DataError`` for a file that cannot be decoded.
     """
     require_unique_names(folder, [view_name(_solid(name)) for name in sources])
     made: list[Photograph] = []
@@ -64,15 +67,16 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
     with _readable(source) as image:
         exif, kind = read_exif(image), KINDS.get(image.format or "", image.format or "")
         copied = exif.turn is None and image.mode in AS_THEY_ARE.get(kind, "").split()
+        made = "JPEG" if kind in LOSSY and "A" not in image.getbands() else "PNG"
         target = folder / _solid(name)
         if not copied and kind != "JPEG":
-            target = target.with_suffix(".png")
+            target = target.with_suffix(SUFFIXES[made])
         missing, space = not target.is_file(), space_of(image)
         width, height = stored_size(image)[:: -1 if exif.turn in QUARTER_TURNS else 1]
         pixels = stored(image) if missing else None  # all of them: what is cut off shows now
         upright = _upright(pixels, source, exif.turn, space) if pixels and not copied else None
     if upright:
-        _write(upright, target, kind)
+        _write(upright, target, made)
     elif missing:
         with replacing(target) as part:
             shutil.copyfile(source, part)

@@ -4,6 +4,7 @@ The invariant: a valid object, or ``DataError`` on one line that names the file.
 hang, no crash, and no more memory than stands in proportion to the file.
 """
 
+import importlib.util
 import io
 import json
 import struct
@@ -18,6 +19,7 @@ import foreign_model
 import numpy as np
 from cut_models import with_cuts, with_second_cuts
 from dataset_folders import colmap_folder, transforms_folder
+from icc_profiles import DISPLAY_P3, SRGB_CURVE, profile
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.capture import SETTINGS
 from mi_dogsplat.datasets.colmap_files import read_cameras, read_frames, read_images, read_points
@@ -41,7 +43,7 @@ from mi_dogsplat.scene.row_groups import SECOND_CUTS
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.resumable import require_same
 from mi_dogsplat.training.events import DogActivated, Pruned, row_of
-from PIL import Image
+from PIL import ExifTags, Image
 from ply_files import (
     curvature_columns,
     cut_columns,
@@ -86,8 +88,9 @@ class Target:
         return outcome
 
 
-BY_A_LIBRARY = (".usd", ".usdc", ".usdz")
-"""Binary OpenUSD, which Pixar's library reads: a wrong byte may take it half a minute, or end the process; trust.md"""
+BY_A_LIBRARY = (".usd", ".usdc", ".usdz", ".heic")
+"""Binary OpenUSD, which Pixar's library reads: a wrong byte may take it half a minute, or end the process; trust.md.
+And HEIF, of libheif."""
 
 
 def make_targets(root: Path | None = None) -> dict[str, Target]:
@@ -139,6 +142,8 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
     add("checkpoint", "state.npz", checkpoint_seeds(root), load_checkpoint)
     add("checkpoint_array", "step.npy", array_seeds(), _read_as_member)
     add("image", "photo.png", image_seeds(), lambda path: (image_size(path), read_image(path)))
+    if importlib.util.find_spec("pillow_heif"):
+        add("heic", "photo.heic", heif_seeds(root), lambda path: (image_size(path), read_image(path)))
     return targets
 
 
@@ -268,6 +273,16 @@ def _read_as_member(path: Path) -> None:
     with zipfile.ZipFile(checkpoint, "w") as archive:
         archive.write(path, "step.npy")
     load_checkpoint(checkpoint)
+
+
+def heif_seeds(root: Path) -> list[bytes]:
+    """As phones write them: turned, in tiles, with a profile."""
+    from heif_files import picture, write_heif
+
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 6
+    said = [{"exif": exif.tobytes()}, {"tile_size": 64}, {"icc_profile": profile(DISPLAY_P3, SRGB_CURVE)}]
+    return [write_heif(root / "seed.heic", picture(), **more).read_bytes() for more in said]
 
 
 def image_seeds() -> list[bytes]:

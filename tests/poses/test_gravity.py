@@ -5,6 +5,8 @@ import struct
 
 import numpy as np
 import pytest
+from heif_files import picture, write_heif
+from mi_dogsplat.datasets.images import open_image
 from mi_dogsplat.poses.exif import read_exif
 from mi_dogsplat.poses.photographs import prepare
 from mi_dogsplat.poses.world import place
@@ -51,6 +53,16 @@ def test_a_phone_held_level_has_down_below_its_picture_however_it_is_turned(grav
     acceleration = np.array(gravity) * level + (0, 0, -ahead)  # the camera at the back looks along -z
     found = read_exif(saved(orientation, {NOTE: apple_note(0.98 * acceleration, order=order)})).down
     assert found == pytest.approx(looking_down(degrees), abs=2e-4)
+
+
+@pytest.mark.parametrize(("gravity", "orientation"), HOLDS.items())
+def test_heif_comes_upright_and_its_gravity_is_turned_all_the_same(tmp_path, gravity, orientation):
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    exif.get_ifd(EXIF)[NOTE] = apple_note(gravity)
+    with open_image(write_heif(tmp_path / "a.heic", picture(), exif=exif.tobytes())) as image:
+        found = read_exif(image)
+    assert found.turn is None and found.down == pytest.approx(looking_down(0), abs=1e-9)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

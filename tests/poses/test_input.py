@@ -80,6 +80,13 @@ def test_results_are_left_out_by_whichever_name(tmp_path, monkeypatch):
             assert list(find_photographs(Path(folder), Path(out))) == ["1.jpg", "2.jpg"], (folder, out)
 
 
+def test_a_picture_in_two_formats_counts_once(tmp_path):
+    """As a phone writes HEIC beside its raw file, and whoever exports it writes JPEG beside that."""
+    touch(tmp_path, "1.HEIC", "1.DNG", "2.heif", "3.hif", "3.jpg", "0.jpg")
+    assert list(find_photographs(tmp_path, tmp_path / "out")) == ["0.jpg", "1.HEIC", "2.heif", "3.jpg"]
+    assert needs_poses(touch(tmp_path / "phone", "1.heic"))
+
+
 def test_raw_files_beside_their_jpeg_do_not_count_others_are_refused(tmp_path):
     touch(tmp_path, "1.jpg", "1.dng", "2.jpg", "2.DNG")
     assert list(find_photographs(tmp_path, tmp_path / "out")) == ["1.jpg", "2.jpg"]
@@ -88,7 +95,7 @@ def test_raw_files_beside_their_jpeg_do_not_count_others_are_refused(tmp_path):
         find_photographs(tmp_path, tmp_path / "out")
 
 
-@pytest.mark.parametrize(("name", "kind"), [("3.HIF", "HIF"), ("3.jxl", "JXL"), ("3.gpr", "raw"), ("3.NRW", "raw")])
+@pytest.mark.parametrize(("name", "kind"), [("3.AVIF", "AVIF"), ("3.jxl", "JXL"), ("3.gpr", "raw"), ("3.NRW", "raw")])
 def test_what_other_cameras_write_is_not_left_out_without_a_word(tmp_path, name, kind):
     touch(tmp_path, "1.jpg", "2.jpg", name)
     with pytest.raises(DataError, match=rf"{name}: {kind} images cannot be read here \(1 of 3"):
@@ -106,7 +113,7 @@ def test_what_has_cameras_needs_no_poses(tmp_path):
     assert needs_poses(plain) and needs_poses(str(plain))
     assert not needs_poses(touch(tmp_path / "nerf", "1.jpg", "transforms.json"))
     assert not needs_poses(touch(tmp_path / "colmap", "images/1.jpg", "sparse/0/cameras.bin", "sparse/0/images.bin"))
-    assert needs_poses(touch(tmp_path / "phone", "1.heic"))  # so that it is told what to do
+    assert needs_poses(touch(tmp_path / "raw", "1.dng"))  # so that it is told what to do
     assert needs_poses(touch(tmp_path, "walk.mp4") / "walk.mp4")
     for other in ("scene.xml", "notes.txt", "nothing"):
         assert not needs_poses(tmp_path / other)

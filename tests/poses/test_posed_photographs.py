@@ -7,6 +7,7 @@ from unicodedata import normalize
 
 import numpy as np
 import pytest
+from heif_files import assert_shows, write_heif
 from icc_profiles import ADOBE_CURVE, ADOBE_RGB, DISPLAY_P3, SRGB_CURVE, profile, srgb_of
 from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.datasets.images import FORMS, read_image
@@ -157,6 +158,40 @@ def test_a_jpeg_with_a_preview_behind_it_stays_a_jpeg(tmp_path):
     with Image.open(tmp_path / "out" / "b.jpg") as image:
         assert image.format == "JPEG"
         assert image.size == pixels().shape[:2]
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_heif_becomes_an_upright_jpeg_of_the_same_colours(tmp_path, orientation):
+    """Its pixels are compressed already, and a PNG of what a phone takes has 20 MB."""
+    (tmp_path / "in").mkdir()
+    exif = tags(orientation)
+    exif[MAKE], exif[MODEL] = "Apple", "iPhone 15"
+    exif.get_ifd(EXIF)[FOCAL_35MM] = 26
+    icc = profile(DISPLAY_P3, SRGB_CURVE)
+    file = write_heif(tmp_path / "in" / "IMG 1.HEIC", pixels(), exif=exif.tobytes(), icc_profile=icc)
+    (photograph,) = prepared(tmp_path / "in", tmp_path / "out")
+    assert prepared(tmp_path / "in", tmp_path / "out") == [photograph]  # now without reading pixels
+    height, width = SHOWN[orientation](pixels()).shape[:2]
+    assert photograph.name == "IMG_1.jpg" and photograph.camera == f"Apple iPhone 15 26 {width}x{height}"
+    assert (photograph.width, photograph.height, photograph.turn) == (width, height, None)
+    assert photograph.focal == pytest.approx(26 / np.hypot(36, 24) * np.hypot(width, height))
+    with Image.open(tmp_path / "out" / photograph.name) as image:
+        assert image.format == "JPEG" and image.getexif().get(ORIENTATION, 1) == 1
+    expected = srgb_of(SHOWN[orientation](pixels()) / 255, DISPLAY_P3, SRGB_CURVE)
+    for read in (file, tmp_path / "out" / photograph.name):
+        assert_shows(read_image(read), expected)
+
+
+def test_transparent_heif_becomes_png(tmp_path):
+    (tmp_path / "in").mkdir()
+    alpha = np.zeros((HEIGHT, WIDTH, 1), np.uint8)
+    alpha[:, WIDTH // 2 :] = 255
+    write_heif(tmp_path / "in" / "a.heic", np.concatenate([pixels(), alpha], axis=2))
+    (photograph,) = prepared(tmp_path / "in", tmp_path / "out")
+    assert photograph.name == "a.png"
+    with Image.open(tmp_path / "out" / "a.png") as image:
+        assert image.mode == "RGBA"
+        assert_shows(np.asarray(image)[..., 3:] / 255, alpha / 255)
 
 
 def test_a_mask_says_the_same_in_the_search_for_poses_as_in_training(tmp_path):
