@@ -11,7 +11,7 @@ from ..support.errors import DataError
 from .streams import discard
 
 # what single commands need, and a training for plain images and videos only
-EXTRA_OF = {"pycolmap": "poses", "av": "poses", "pillow_heif": "poses", "skimage": "mesh",
+EXTRA_OF = {"pycolmap": "poses", "av": "poses", "pillow_heif": "poses", "rawpy": "poses", "skimage": "mesh",
             "fast_simplification": "mesh", "xatlas": "mesh"}  # fmt: skip
 SIGPIPE = 13  # by POSIX; Windows has no such signal
 STOPPED = "stopped before the end; nothing is half-written"  # of what does not know better

@@ -21,6 +21,7 @@ LENS = (
 )
 FRAMES = "frames to take of a video (default: as many as its motion asks for, at most 300)"
 MASKS = "folder of masks, named as the images: nothing black is matched (default: INPUT/masks where there is one)"
+LINEAR = "keep the linear light of raw photographs, as OpenEXR (default: they become JPEG); images in OpenEXR always do"
 UNDISTORT = "write images as of a pinhole, for programs that know no lenses; else images keep pixels and lens"
 SIZE = "longest side of the images in which features are sought; larger ones are shrunk for that"
 
@@ -32,6 +33,7 @@ class PosesConfig:
     lens: Annotated[str | None, Setting(LENS, "MODEL", choices=LENSES)] = None
     frames: Annotated[int | None, Setting(FRAMES, least=2)] = None
     masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
+    linear: Annotated[bool, Setting(LINEAR)] = False
     undistort: Annotated[bool, Setting(UNDISTORT)] = False
     scale: Length = None
     feature_size: Annotated[int, Setting(SIZE, least=64)] = 2000
@@ -43,6 +45,8 @@ class PosesConfig:
         check_world(None, self.scale)
         if self.panoramas and self.undistort:
             refuse("undistort", f"is for lenses, and the views of --lens {EQUIRECTANGULAR} have none", "leave it out")
+        if self.panoramas and self.linear:
+            refuse("linear", f"is not made of panoramas, which --lens {EQUIRECTANGULAR} cuts", "leave one of them out")
 
     @property
     def panoramas(self) -> bool:

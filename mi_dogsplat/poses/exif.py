@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 from PIL import ExifTags, Image
@@ -38,17 +39,36 @@ class Exif:
 
 def read_exif(image: Image.Image) -> Exif:
     """The tags of an image that has been opened. What makes no sense is taken as absent."""
-    try:
-        top = image.getexif()
-        more = top.get_ifd(ExifTags.IFD.Exif)
-    except (OSError, ValueError, SyntaxError, TypeError, KeyError):
-        return Exif("", None, None)
-    tags = {**top, **more}
-    names = [str(tags.get(tag, "")).strip("\0 ") for tag in DEVICE]
+    tags = tags_of(image.getexif)
     turn = TURNS.get(tags.get(ExifTags.Base.Orientation, 1))
-    down = down_of(image, tags, TURNS.get(orientation_of(image)) if turn is None else turn)
+    held = TURNS.get(orientation_of(image)) if turn is None else turn
+    return replace(exif_of_upright(tags, image.size, image.info.get("xmp"), held), turn=turn)
+
+
+def tags_of(exif: Callable[[], Image.Exif]) -> dict[int, Any]:
+    """What ``exif`` holds at the top and in its EXIF directory; nothing where that cannot be read."""
+    try:
+        top = exif()
+        return {**top, **top.get_ifd(ExifTags.IFD.Exif)}
+    except (OSError, ValueError, SyntaxError, TypeError, KeyError):
+        return {}
+
+
+def exif_of_upright(
+    tags: dict[int, Any], size: tuple[int, int], xmp: Any, held: Image.Transpose | None
+) -> Exif:
+    """Of an image whose pixels need no turn.
+
+    Args:
+        tags: as of ``tags_of``.
+        size: (width, height) of its pixels.
+        xmp: bytes, if it has some.
+        held: what made its pixels upright.
+    """
+    names = [str(tags.get(tag, "")).strip("\0 ") for tag in DEVICE]
+    down = down_of(tags, xmp, held)
     known = None if down is None else tuple(down.tolist())
-    return Exif(" ".join(filter(None, names)), _focal(tags, image.size), turn, known)
+    return Exif(" ".join(filter(None, names)), _focal(tags, size), None, known)
 
 
 def _focal(tags: dict[int, Any], size: tuple[int, int]) -> float | None:

@@ -23,16 +23,15 @@ GRAVITY = (0.7, 1.3)  # of what is taken for it, in g: a phone that is not being
 DJI = re.compile(rb"drone-dji:Gimbal(Pitch|Roll)Degree[=>]\s*[\"']?\s*([+-]?\d+(?:\.\d+)?)")
 
 
-def down_of(image: Image.Image, tags: dict[int, Any], turn: Image.Transpose | None) -> np.ndarray | None:
+def down_of(tags: dict[int, Any], xmp: Any, turn: Image.Transpose | None) -> np.ndarray | None:
     """Where down is, a unit vector [3] in the axes of the camera (OpenCV) whose picture is upright; or None.
 
-    ``tags`` are those of EXIF; ``turn`` is what makes the pixels of the file upright.
+    ``tags`` are those of EXIF; ``xmp`` are bytes, if there are any; ``turn`` makes the pixels of the file upright.
     """
     note = tags.get(MAKER_NOTE)
     if isinstance(note, bytes) and note.startswith(APPLE):
         down = _of_apple(note, str(tags.get(LENS_MODEL, "")))
         return None if down is None else _turned(down, turn)
-    xmp = image.info.get("xmp")
     if isinstance(xmp, bytes) and (angles := dict(DJI.findall(xmp))).get(b"Pitch"):
         return _of_angles(float(angles[b"Pitch"]), float(angles.get(b"Roll", 0)))
     try:

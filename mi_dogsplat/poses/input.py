@@ -6,7 +6,7 @@ import os
 from collections.abc import Collection
 from pathlib import Path
 
-from ..datasets import heif
+from ..datasets import exr, heif
 from ..datasets.colmap import find_model
 from ..datasets.masks import SUFFIXES
 from ..datasets.numbered_models import numbered_models
@@ -15,15 +15,12 @@ from ..datasets.transforms import find_transforms
 from ..support.errors import DataError
 from ..support.run_files import are_of_run
 from ..support.wording import counted
+from . import raw_files
 from .config import SETTINGS
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")
 NEWER = (".avif", ".jxl")  # Pillow reads neither of them everywhere
-RAW = (
-    ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".rwl", ".srw", ".pef",
-    ".3fr", ".fff", ".iiq", ".x3f", ".gpr", ".mrw", ".erf", ".dcr", ".kdc",
-)  # fmt: skip
-PHOTOGRAPHS = (*SUFFIXES, *heif.SUFFIXES, *NEWER, *RAW)
+PHOTOGRAPHS = (*SUFFIXES, *heif.SUFFIXES, *NEWER, *raw_files.SUFFIXES, exr.SUFFIX)
 MASKS = "masks"  # the name of their folder
 FEWEST = 2
 OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
@@ -44,22 +41,27 @@ def needs_poses(path: str | Path) -> bool:
     return _is_result(path) or bool(_files(path, PHOTOGRAPHS))  # of a result ``require_input`` tells
 
 
-def find_photographs(folder: Path, out: Path, masks: Path | None = None) -> dict[str, Path]:
+def find_photographs(folder: Path, out: Path, masks: Path | None = None, linear: bool = False) -> dict[str, Path]:
     """Images of a folder and of those below it, by their names in there, sorted.
+
+    Either all of them are images of linear light (``light.is_light``), or none is. Where there are others beside them,
+    raw photographs and OpenEXR are taken if ``linear`` asks for it. A picture in several formats counts once.
 
     Left out: what lies in ``out``, in results of other commands (``_made_here``), in ``masks`` and in folders of
     that name, in hidden ones; and all but ``images`` where there is such a folder, as others beside it hold smaller
-    copies. Raises ``DataError`` where there are fewer than two, and for images that cannot be read here: leaving
-    out a part of a capture would not be noticed.
+    copies. Raises ``DataError`` where there are fewer than two, and for images that cannot be taken: leaving out a part
+    of a capture would not be noticed.
     """
     top = folder / "images" if (folder / "images").is_dir() else folder
     without = {path.resolve() for path in (out, masks) if path is not None}
-    found = _files(top, SUFFIXES, without)
-    found = sorted(found + _others(_files(top, heif.SUFFIXES, without), found))
-    if unread := _others(_files(top, (*NEWER, *RAW), without), found):
-        kind = "raw" if unread[0].suffix.lower() in RAW else unread[0].suffix[1:].upper()
-        problem = f"{kind} images cannot be read here ({len(unread)} of {len(unread) + len(found)} are such)"
-        raise DataError(unread[0], problem, "export them as JPEG or PNG, in the size in which they were taken")
+    kinds = SUFFIXES, heif.SUFFIXES, NEWER, raw_files.SUFFIXES, (exr.SUFFIX,)
+    shown, of_phones, newer, raw, light = (_files(top, suffixes, without) for suffixes in kinds)
+    shown = sorted(shown + _others(of_phones, shown))
+    found = (raw or light) if linear else (shown or raw or light)
+    if linear and shown and not found:
+        raise DataError(top, "has no raw photographs and no OpenEXR, whose light --linear keeps", "leave it out")
+    if unfit := [path for files in ((shown, newer) if linear else (newer, raw)) for path in _others(files, found)]:
+        raise _unfit(unfit, len(found), linear)
     if len(found) < FEWEST:
         videos, beside = _files(top, VIDEOS), _beside(folder)
         remedy = f"name the video itself: {videos[0]}" if videos else "give at least two that overlap, better 20 to 200"
@@ -67,6 +69,19 @@ def find_photographs(folder: Path, out: Path, masks: Path | None = None) -> dict
         n = "no image" if not found else "a single image"
         raise DataError(top, f"has {n}, and depth shows in several alone", remedy)
     return {path.relative_to(top).as_posix(): path for path in found}
+
+
+def _unfit(files: list[Path], n_found: int, linear: bool) -> DataError:
+    """Images that cannot be taken beside ``n_found`` others."""
+    part = f"{len(files)} of {len(files) + n_found} are such"
+    if linear:
+        return DataError(files[0], f"holds no linear light ({part})", "leave out --linear, or such images")
+    if raw_files.is_raw(files[0]):
+        remedy = "export them as JPEG like the others, or give raw photographs alone"
+        return DataError(files[0], f"is raw, and others are not ({part})", remedy)
+    kind = files[0].suffix[1:].upper()
+    remedy = "export them as JPEG or PNG, in the size in which they were taken"
+    return DataError(files[0], f"{kind} images cannot be read here ({part})", remedy)
 
 
 def _others(files: list[Path], found: list[Path]) -> list[Path]:

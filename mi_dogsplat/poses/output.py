@@ -36,6 +36,13 @@ def write_model(model: Any, target: Path) -> None:
     os.replace(top, target.parent)
 
 
+def renamed(model: Any, rename: Callable[[str], str]) -> Any:
+    """The model of pycolmap's, whose images have other names from now on."""
+    for image in model.images.values():
+        image.name = rename(image.name)
+    return model
+
+
 def _n_bytes(model: Any) -> int:
     """Of the files of a model, at most."""
     features = sum(image.num_points2D() for image in model.images.values())

@@ -54,7 +54,7 @@ def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, 
     in their names becomes ``_``, as COLMAP's text files have it between names, and so do a ``#`` that begins a name, as
     it begins comments there, and bytes that are no UTF-8. Raises ``DataError`` for a file that cannot be decoded.
     """
-    require_unique_names(folder, [view_name(_solid(name)) for name in sources])
+    require_unique_names(folder, [view_name(solid_name(name)) for name in sources])
     made: list[Photograph] = []
     with ThreadPoolExecutor(min(8, usable_cores())) as pool:  # Pillow decodes without holding the GIL
         for photograph in pool.map(lambda item: _prepared(item[0], item[1], folder), sources.items()):
@@ -68,7 +68,7 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
         exif, kind = read_exif(image), KINDS.get(image.format or "", image.format or "")
         copied = exif.turn is None and image.mode in AS_THEY_ARE.get(kind, "").split()
         made = "JPEG" if kind in LOSSY and "A" not in image.getbands() else "PNG"
-        target = folder / _solid(name)
+        target = folder / solid_name(name)
         if not copied and kind != "JPEG":
             target = target.with_suffix(SUFFIXES[made])
         missing, space = not target.is_file(), space_of(image)
@@ -80,8 +80,13 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
     elif missing:
         with replacing(target) as part:
             shutil.copyfile(source, part)
-    camera = f"{exif.device} {width}x{height}".strip()
-    return Photograph(target.relative_to(folder).as_posix(), width, height, camera, exif.focal, exif.turn, exif.down)
+    camera, written = camera_of(exif.device, (width, height)), target.relative_to(folder).as_posix()
+    return Photograph(written, width, height, camera, exif.focal, exif.turn, exif.down)
+
+
+def camera_of(device: str, size: tuple[int, int]) -> str:
+    """What photographs of one camera share: its device, and width and height of its images."""
+    return "{} {}x{}".format(device, *size).strip()
 
 
 def _lies(photograph: Photograph, mask: Path) -> bool:
@@ -102,7 +107,8 @@ def _readable(source: Path) -> Iterator[Image.Image]:
         raise DataError(source, f"cannot be read as an image ({error})", "replace the file or remove it") from error
 
 
-def _solid(name: str) -> str:
+def solid_name(name: str) -> str:
+    """The name of an image as every tool takes it, see ``prepare``."""
     return re.sub(r"^#|[\s\ud800-\udfff]", "_", name)  # bytes of a name that are no UTF-8 are halves of characters
 
 
@@ -137,7 +143,7 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
     upright shows the latter by its shape, it holds for all: half a turn leaves the shape as it is. These names are
     COLMAP's and ``Masks``' own. Raises ``DataError`` if there is a mask for none, or one is unreadable.
     """
-    paths = {_solid(name): path for name, path in mask_files(source).items()}
+    paths = {solid_name(name): path for name, path in mask_files(source).items()}
     masked = [(p, path) for p in photographs if (path := paths.get(composed(view_name(p.name))))]
     if not masked:
         raise no_mask(source, view_name(photographs[0].name))

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from ..datasets.exr import is_exr
 from ..datasets.masks import mask_files
 from ..datasets.world import write_world
 from ..support.errors import DataError
@@ -38,9 +39,10 @@ from .features import extract
 from .frames import CHOICE, take_frames
 from .input import find_photographs, is_video, mask_folder, require_input
 from .lens_choice import lens_of, lens_of_photographs
+from .light import is_light, prepare_light, radiance_name
 from .mapping import reconstruct
 from .matching import match
-from .output import undistort, write_model
+from .output import renamed, undistort, write_model
 from .panoramas import SIDES, cut_masks, cut_panoramas
 from .photographs import Photograph, prepare, prepare_masks
 from .rigs import tie_views
@@ -50,6 +52,7 @@ from .world import place
 
 DATABASE, SECONDS, COPIED = "work/database.db", "work/seconds.json", "work/copied.json"
 FEATURE_MASKS, PANORAMAS, PANORAMA_MASKS = "work/masks", "work/panoramas", "work/panorama_masks"
+SHOWN = "work/shown"
 Progress = Callable[[str, int, int], None]
 
 
@@ -91,6 +94,11 @@ class Search:
     def top(self) -> Path:
         """The data set of the images as they were taken, with their lens."""
         return self.out / "distorted" if self.config.undistort else self.out
+
+    @property
+    def images(self) -> Path:
+        """The images in which features are sought: those of the data set, or what a screen shows of them."""
+        return self.out / SHOWN if self.config.linear else self.top / "images"
 
     @property
     def database(self) -> Path:
@@ -137,14 +145,17 @@ def find_poses(
         raise DataError(out, is_what, "name another folder for the poses")
     if config.frames is not None and not is_video(source):
         refuse("frames", f"is for videos, and {source} is a folder of images", "leave it out")
+    if config.linear and is_video(source):
+        refuse("linear", f"is for photographs, and {source} is a video", "leave it out")
     pycolmap = pycolmap_module(config.gpu)
     masks = mask_folder(source, config.masks)
-    photographs = {} if is_video(source) else find_photographs(source, out, masks)
+    photographs = {} if is_video(source) else find_photographs(source, out, masks, config.linear)
+    linear = config.linear or any(is_exr(path) for path in photographs.values())
     if photographs:
         lens = lens_of_photographs(photographs.values(), config.lens)
     else:
         lens = lens_of({source: says_panorama(source)}, config.lens)
-    config = dataclasses.replace(config, lens=lens)
+    config = dataclasses.replace(config, lens=lens, linear=linear)
     search = Search(source, photographs, masks, out, config)
     begin(out / SETTINGS, search.settings(), "search for poses", search.free())
     with locked(out, "another process is looking for poses in it"):
@@ -180,7 +191,7 @@ def _forget_copies_of_others(search: Search) -> None:
     copied, digests = search.out / COPIED, list(search.digests.values())
     if search.database.is_file() or (copied.is_file() and read_json(copied, "remove the file") == digests):
         return
-    made = (search.out / name for name in (FEATURE_MASKS, PANORAMAS, PANORAMA_MASKS))
+    made = (search.out / name for name in (FEATURE_MASKS, PANORAMAS, PANORAMA_MASKS, SHOWN))
     for folder in (search.top / "images", search.top / "masks", *made):
         if folder.is_dir():
             shutil.rmtree(folder)
@@ -191,7 +202,7 @@ def _forget_copies_of_others(search: Search) -> None:
 def _reconstruct(pycolmap: Any, search: Search, stages: Stages) -> None:
     """All stages up to the model of the images as they were taken, and its summary."""
     database, top, config = search.database, search.top, search.config
-    images, masks = top / "images", top / "masks"
+    images, masks = search.images, top / "masks"
     with stages.of("images") as progress:
         if config.panoramas:
             photographs, n_masks = _panoramas(search, progress)
@@ -218,14 +229,18 @@ def _reconstruct(pycolmap: Any, search: Search, stages: Stages) -> None:
     summary_of(models[0], photographs, n_masks, placed, advice, stages.seconds).write(search.out)
     for folder in {search.out, top}:  # two data sets with --undistort
         write_world(folder, placed.world)
-    write_model(models[0], _model_folder(top))
+    model = renamed(models[0], radiance_name) if config.linear else models[0]
+    write_model(model, _model_folder(top))
 
 
 def _images(
     search: Search, images: Path, masks: Path, progress: Callable[[int, int], None]
 ) -> tuple[list[Photograph], int]:
     """Write the photographs, or the chosen frames, and their masks into folders; and how many masks there are."""
-    if search.photographs:
+    if search.photographs and is_light(next(iter(search.photographs.values()))):
+        radiance = search.top / "images" if search.config.linear else None
+        photographs = prepare_light(search.photographs, images, radiance, progress)
+    elif search.photographs:
         photographs = prepare(search.photographs, images, progress)
     else:
         choice = search.database.with_name(CHOICE)

@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 import pytest
+from apple_notes import apple_note
 from heif_files import picture, write_heif
 from mi_dogsplat.datasets.images import open_image
 from mi_dogsplat.poses.exif import read_exif
@@ -18,18 +19,6 @@ ORIENTATION, EXIF, NOTE, LENS, ELEVATION = 0x0112, 0x8769, 0x927C, 0xA434, 0x940
 # How a phone is held, level: gravity along its axes (right and top of the screen, out of it; Core Motion), and the
 # orientation that it writes (Apple, "UIImage.Orientation"): portrait, turned left, turned right, upside down.
 HOLDS = {(0, -1, 0): 6, (-1, 0, 0): 1, (1, 0, 0): 3, (0, 1, 0): 8}
-
-
-def apple_note(acceleration, front: bool = False, order: str = ">", kind: int = 10, count: int = 3) -> bytes:
-    """A maker note: its name, a version, the order of bytes, and a directory with offsets from its beginning; the
-    acceleration is ``count`` values of a ``kind`` of TIFF's."""
-    tags = [(0x45, 9, 1, int(front)), (1, 9, 1, 4), (8, kind, count, None), (9, 10, 3, 0)]
-    head = b"Apple iOS\0\0\1" + {">": b"MM", "<": b"II"}[order] + struct.pack(f"{order}H", len(tags))
-    after = len(head) + 12 * len(tags) + 4
-    for tag, its_kind, its_count, value in tags:
-        head += struct.pack(f"{order}HHII", tag, its_kind, its_count, after if value is None else value)
-    parts = [part for value in acceleration for part in (round(value * 10_000), 10_000)]
-    return head + b"\0" * 4 + struct.pack(f"{order}6i", *parts)
 
 
 def saved(orientation: int = 1, inner: dict | None = None, xmp: str | None = None) -> Image.Image:

@@ -91,11 +91,30 @@ def test_raw_files_beside_their_jpeg_do_not_count_others_are_refused(tmp_path):
     touch(tmp_path, "1.jpg", "1.dng", "2.jpg", "2.DNG")
     assert list(find_photographs(tmp_path, tmp_path / "out")) == ["1.jpg", "2.jpg"]
     touch(tmp_path, "3.dng")
-    with pytest.raises(DataError, match=r"3.dng: raw images cannot be read here \(1 of 3"):
+    with pytest.raises(DataError, match=r"3.dng: is raw, and others are not \(1 of 3 are such\); export them as"):
         find_photographs(tmp_path, tmp_path / "out")
 
 
-@pytest.mark.parametrize(("name", "kind"), [("3.AVIF", "AVIF"), ("3.jxl", "JXL"), ("3.gpr", "raw"), ("3.NRW", "raw")])
+def test_raw_photographs_and_openexr_are_taken_where_there_is_nothing_else(tmp_path):
+    assert list(find_photographs(touch(tmp_path / "raw", "1.dng", "2.NEF", "1.exr"), tmp_path)) == ["1.dng", "2.NEF"]
+    assert list(find_photographs(touch(tmp_path / "light", "1.exr", "2.EXR"), tmp_path)) == ["1.exr", "2.EXR"]
+    both = touch(tmp_path / "both", "1.jpg", "2.jpg", "1.exr", "depth/1.exr")
+    assert list(find_photographs(both, tmp_path)) == ["1.jpg", "2.jpg"]
+    for folder in ("raw", "light", "both"):
+        assert needs_poses(tmp_path / folder)
+
+
+def test_linear_asks_for_them_first_and_for_them_alone(tmp_path):
+    touch(tmp_path, "1.jpg", "1.cr2", "2.jpg", "2.CR2", "2.exr")
+    assert list(find_photographs(tmp_path, tmp_path / "out", linear=True)) == ["1.cr2", "2.CR2"]
+    touch(tmp_path, "3.jpg")
+    with pytest.raises(DataError, match=r"3.jpg: holds no linear light \(1 of 3 are such\); leave out --linear"):
+        find_photographs(tmp_path, tmp_path / "out", linear=True)
+    with pytest.raises(DataError, match="jpgs: has no raw photographs and no OpenEXR, whose light --linear keeps"):
+        find_photographs(touch(tmp_path / "jpgs", "1.jpg", "2.jpg"), tmp_path / "out", linear=True)
+
+
+@pytest.mark.parametrize(("name", "kind"), [("3.AVIF", "AVIF"), ("3.jxl", "JXL")])
 def test_what_other_cameras_write_is_not_left_out_without_a_word(tmp_path, name, kind):
     touch(tmp_path, "1.jpg", "2.jpg", name)
     with pytest.raises(DataError, match=rf"{name}: {kind} images cannot be read here \(1 of 3"):
@@ -113,7 +132,7 @@ def test_what_has_cameras_needs_no_poses(tmp_path):
     assert needs_poses(plain) and needs_poses(str(plain))
     assert not needs_poses(touch(tmp_path / "nerf", "1.jpg", "transforms.json"))
     assert not needs_poses(touch(tmp_path / "colmap", "images/1.jpg", "sparse/0/cameras.bin", "sparse/0/images.bin"))
-    assert needs_poses(touch(tmp_path / "raw", "1.dng"))  # so that it is told what to do
+    assert needs_poses(touch(tmp_path / "new", "1.jxl"))  # so that it is told what to do
     assert needs_poses(touch(tmp_path, "walk.mp4") / "walk.mp4")
     for other in ("scene.xml", "notes.txt", "nothing"):
         assert not needs_poses(tmp_path / other)

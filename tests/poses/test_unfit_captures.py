@@ -51,7 +51,7 @@ def test_what_is_no_capture_is_one_line(tmp_path, capsys, pixels):
     empty.mkdir()
     folder_of(single, pixels[:1])
     folder_of(phone, pixels[:2])
-    (phone / "IMG_1.DNG").write_bytes(b"")
+    (phone / "IMG_1.AVIF").write_bytes(b"")
     folder_of(broken, pixels[:3])
     data = (broken / "1.png").read_bytes()
     (broken / "1.png").write_bytes(data[: len(data) // 2])
@@ -62,7 +62,7 @@ def test_what_is_no_capture_is_one_line(tmp_path, capsys, pixels):
         (empty, "has no image"),
         (single, "has a single image", "20 to 200"),
         (single / "0.png", "is a single image", "give a folder"),
-        (phone, "raw images", "export them as JPEG"),
+        (phone, "AVIF images", "export them as JPEG"),
         (text, "is neither a folder of images nor a video"),
         (nothing, "no such file"),
         (broken, "1.png", "cannot be read as an image"),

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 MODULES = {"pillow": "PIL", "zstandard": "zstandard", "flip-evaluator": "flip_evaluator", "scikit-image": "skimage",
            "fast-simplification": "fast_simplification", "xatlas": "xatlas", "pillow-heif": "pillow_heif"}  # fmt: skip
 MODULES |= {name: name for name in ("scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
-MODULES |= {name: name for name in ("threadpoolctl", "pycolmap", "av")} | {"usd-core": "pxr"}
+MODULES |= {name: name for name in ("threadpoolctl", "pycolmap", "av", "rawpy")} | {"usd-core": "pxr"}
 HIDDEN = sorted(MODULES.values())
 BEHIND_VIEW = {"view": {"tqdm"}}  # what viser brings along
 

@@ -16,6 +16,7 @@ Examples:
   dogsplat poses walk.mp4 -o filmed                    a video: sharp frames, as many as its motion asks for
   dogsplat poses pictures/ -o straight --undistort     for programs that know no lenses
   dogsplat poses pictures/ -o strong --lens OPENCV     a lens that bends lines much
+  dogsplat poses raws/ -o posed --linear               raw photographs, whose light is kept as OpenEXR
   dogsplat poses around/ -o posed --lens EQUIRECTANGULAR
                                                        panoramas of all directions (360°): six views of each
   dogsplat poses pictures/ -o metres --scale IMG_1.jpg IMG_9.jpg 2.5
@@ -26,7 +27,8 @@ Then: dogsplat train posed/ -o run
 
 DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, which every trainer reads.
 Up is -y, by what the photographs say of gravity or else as they were held, and the origin is in the middle
-of the points. Photographs of one device, size and focal length share a camera; EXIF gives its focal length.
+of the points. Raw photographs become JPEG, all in one brightness; --linear keeps their light, for models of
+radiance. Photographs of one device, size and focal length share a camera; EXIF gives its focal length.
 What is black in masks/, or transparent, is not matched. The end says how many images have a pose, and what
 to do if they are few. Stopped, the same command goes on where it was. dogsplat train does all this by
 itself when its DATA are plain images or a video. Needs the extra mi_dogsplat[poses].
