@@ -17,7 +17,7 @@ XMP = re.compile(rb"GPano:ProjectionType[=>]\s*[\"']?\s*equirectangular", re.IGN
 def lens_of_photographs(photographs: Iterable[Path], lens: str | None) -> str:
     """As ``lens_of``. Raises ``DataError`` also for panoramas that cannot be cut as one.
 
-    A photograph that cannot be read here, such as a raw one, says nothing; what is damaged is told later.
+    A photograph that cannot be read is told later, with all others.
     """
     sizes, said = {}, {}
     for path in photographs:

@@ -152,7 +152,7 @@ def find_poses(
     photographs = {} if is_video(source) else find_photographs(source, out, masks, config.linear)
     linear = config.linear or any(is_exr(path) for path in photographs.values())
     if photographs:
-        lens = lens_of_photographs(photographs.values(), config.lens)
+        lens = lens_of_photographs((p for p in photographs.values() if not is_light(p)), config.lens)
     else:
         lens = lens_of({source: says_panorama(source)}, config.lens)
     config = dataclasses.replace(config, lens=lens, linear=linear)
