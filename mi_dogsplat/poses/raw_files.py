@@ -7,6 +7,7 @@ that is given from outside or left out, so that one surface looks alike in all p
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -96,8 +97,10 @@ def _tags(path: Path, raw: Any) -> dict[int, Any]:
         if file.read(4) in TIFF:
             file.seek(0)
             exif = Image.Exif()
-            exif.load_from_fp(file)
-            return tags_of(lambda: exif)
+            with warnings.catch_warnings():  # of tags that Pillow does not expect, as cameras write them
+                warnings.simplefilter("ignore")
+                exif.load_from_fp(file)
+                return tags_of(lambda: exif)
     import rawpy
 
     try:

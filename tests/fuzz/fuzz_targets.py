@@ -10,6 +10,7 @@ import json
 import struct
 import tempfile
 import time
+import warnings
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import foreign_model
 import numpy as np
 from cut_models import with_cuts, with_second_cuts
 from dataset_folders import colmap_folder, transforms_folder
+from dng_files import write_dng
 from icc_profiles import DISPLAY_P3, SRGB_CURVE, profile
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.capture import SETTINGS
@@ -33,6 +35,7 @@ from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.inspection.run import describe_run
+from mi_dogsplat.poses.raw_files import develop, read_header
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.scene.camera_file import read_camera
@@ -88,9 +91,9 @@ class Target:
         return outcome
 
 
-BY_A_LIBRARY = (".usd", ".usdc", ".usdz", ".heic")
+BY_A_LIBRARY = (".usd", ".usdc", ".usdz", ".heic", ".dng")
 """Binary OpenUSD, which Pixar's library reads: a wrong byte may take it half a minute, or end the process; trust.md.
-And HEIF, of libheif."""
+And HEIF, of libheif, and raw photographs, of LibRaw."""
 
 
 def make_targets(root: Path | None = None) -> dict[str, Target]:
@@ -144,7 +147,17 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
     add("image", "photo.png", image_seeds(), lambda path: (image_size(path), read_image(path)))
     if importlib.util.find_spec("pillow_heif"):
         add("heic", "photo.heic", heif_seeds(root), lambda path: (image_size(path), read_image(path)))
+    if importlib.util.find_spec("rawpy"):
+        light = np.random.default_rng(0).uniform(0, 1, (24, 32, 3))
+        seeds = [write_dng(root / "seed.dng", light, orientation=turn).read_bytes() for turn in (1, 6)]
+        add("dng", "photo.dng", seeds, _developed)
     return targets
+
+
+def _developed(path: Path) -> None:
+    with warnings.catch_warnings():  # of threads in a process that was forked, where there are none yet
+        warnings.filterwarnings("ignore", "rawpy is being used in a process", RuntimeWarning)
+        develop(path, read_header(path).balance)
 
 
 def _look_at_run(path: Path) -> None:

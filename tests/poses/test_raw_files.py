@@ -1,10 +1,11 @@
 """Raw photographs of a scene whose light is known: written here, developed by LibRaw."""
 
+import struct
 import sys
 
 import numpy as np
 import pytest
-from dng_files import RATIONAL, SHORT, UNDEFINED, write_dng
+from dng_files import LONG, RATIONAL, SHORT, UNDEFINED, write_dng
 from mi_dogsplat.cli import main
 from mi_dogsplat.poses.raw_files import develop, is_raw, read_header
 from mi_dogsplat.support.errors import DataError
@@ -12,6 +13,7 @@ from mi_dogsplat.support.errors import DataError
 rawpy = pytest.importorskip("rawpy", reason="needs rawpy: pip install 'mi_dogsplat[poses]'")
 BLOCK = 16  # pixels of a side of one colour; the mosaic is smooth inside of them
 NEUTRAL = (0.5, 1.0, 0.7)
+FOCAL_35MM, ROWS_PER_STRIP = 0xA405, 0x0116
 
 
 def scene(most: float = 0.5) -> np.ndarray:
@@ -66,10 +68,18 @@ def test_the_exposure_is_that_of_the_file(tmp_path, exposure, expected):
 
 
 def test_tags_of_both_directories_are_read(tmp_path):
-    exif = {0xA405: (SHORT, 26), 0x927C: (UNDEFINED, b"a maker's note"), 0x920A: (RATIONAL, 4.5)}
+    exif = {FOCAL_35MM: (SHORT, 26), 0x927C: (UNDEFINED, b"a maker's note"), 0x920A: (RATIONAL, 4.5)}
     tags = read_header(write_dng(tmp_path / "a.dng", scene(), device=("Apple", "iPhone"), exif=exif)).tags
-    assert (tags[0x010F], tags[0x0110], tags[0xA405], tags[0x920A]) == ("Apple", "iPhone", 26, 4.5)
+    assert (tags[0x010F], tags[0x0110], tags[FOCAL_35MM], tags[0x920A]) == ("Apple", "iPhone", 26, 4.5)
     assert tags[0x927C] == b"a maker's note"
+
+
+def test_tags_as_cameras_write_them_are_no_warning(tmp_path):
+    """Which would end this test: a tag of more values than TIFF gives it."""
+    file = write_dng(tmp_path / "a.dng", scene(), exif={FOCAL_35MM: (SHORT, 26)})
+    one, two = (struct.pack("<HHI", ROWS_PER_STRIP, LONG, n) for n in (1, 2))
+    file.write_bytes(file.read_bytes().replace(one, two))
+    assert read_header(file).tags[FOCAL_35MM] == 26
 
 
 @pytest.mark.parametrize("read", [read_header, lambda path: develop(path, (1, 1, 1))])
