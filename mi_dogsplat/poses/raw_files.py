@@ -34,9 +34,9 @@ Balance = tuple[float, float, float]
 class RawHeader:
     """What a raw file says beside its pixels.
 
-    ``tags``: of EXIF. ``balance``: factors of red, green and blue that make what the camera took for white grey; green
-    has 1. ``exposure``: light on the sensor times its gain, relative to that of a second, ISO 100 and f/1; None where
-    the file does not say it.
+    ``tags``: of EXIF. ``balance``: factors of red, green and blue that make what the camera took for white grey, or
+    what is white by day where it does not say; green has 1. ``exposure``: light on the sensor times its gain, relative
+    to that of a second, ISO 100 and f/1; None where the file does not say it.
     """
 
     tags: dict[int, Any]
@@ -52,7 +52,8 @@ def is_raw(path: Path) -> bool:
 def read_header(path: Path) -> RawHeader:
     """Without the pixels. Raises ``DataError``."""
     with _opened(path) as raw:
-        red, green, blue, *_ = raw.camera_whitebalance if raw.camera_whitebalance[0] > 0 else raw.daylight_whitebalance
+        known = (balance[:3] for balance in (raw.camera_whitebalance, raw.daylight_whitebalance, [1, 1, 1]))
+        red, green, blue = next(balance for balance in known if min(balance) > 0)
         taken = raw.other
         exposure = taken.shutter_speed * (taken.iso_speed or 100) / 100 / (taken.aperture or 1) ** 2
         return RawHeader(_tags(path, raw), (red / green, 1.0, blue / green), exposure or None)

@@ -21,6 +21,7 @@ def write_dng(
     orientation: int = 1,
     device: tuple[str, str] = ("Maker", "Model"),
     exif: dict[int, tuple[int, Any]] | None = None,
+    balanced: bool = True,
 ) -> Path:
     """A photograph of linear light [H, W, 3], sRGB's primaries; H and W are even, and pixels lie as in the file.
 
@@ -28,6 +29,7 @@ def write_dng(
         neutral: what the sensor says of white, by its colours; its levels end at 1 in each.
         exposure: seconds, ISO and f-number; light of 1 just fills the sensor at (.01, 100, 1). None: it is not said.
         exif: more tags of the EXIF directory, with their types.
+        balanced: whether the file says what was white.
     """
     seconds, iso, f_number = exposure or (0.01, 100, 1.0)
     seen = np.clip(light * neutral * (seconds / 0.01 * iso / 100 / f_number**2), 0, 1)
@@ -47,6 +49,8 @@ def write_dng(
     }  # fmt: skip
     inner = directory(taken | (exif or {}), 8)
     first = 8 + len(inner)
+    if not balanced:
+        del tags[0xC628]
     tags |= {0x8769: (LONG, 8), 0x0111: (LONG, 0)}
     tags[0x0111] = (LONG, first + len(directory(tags, first)))
     path.write_bytes(b"II*\0" + struct.pack("<I", first) + inner + directory(tags, first) + mosaic.tobytes())

@@ -34,6 +34,11 @@ def test_light_is_what_it_was_whatever_colours_the_sensor_has(tmp_path, neutral)
     np.testing.assert_allclose(inside(develop(file, header.balance, half=True), BLOCK // 2), inside(scene()), rtol=3e-3)
 
 
+def test_without_a_balance_of_the_camera_it_is_that_of_daylight(tmp_path):
+    header = read_header(write_dng(tmp_path / "a.dng", scene(), NEUTRAL, balanced=False))
+    assert header.balance == pytest.approx([1 / n for n in NEUTRAL], rel=1e-3)
+
+
 def test_the_balance_is_the_given_one(tmp_path):
     file = write_dng(tmp_path / "a.dng", scene(0.2), NEUTRAL)
     as_shot = read_header(file).balance
