@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..datasets.scene_digests import scene_digests
+from ..plugin.denoising import CHANNELS
 from ..render.scene_picture import channels_of, shown
 from ..render.scene_to_draw import SceneToDraw
 from ..scene.cameras import Camera
@@ -52,13 +53,17 @@ class SceneFrames:
         return {**scene_digests(self._drawn.file, options.defined), **asdict(options)}
 
     def _bitmap(self, number: int, cameras: Sequence[Camera], goes_on: Callable[[], None]) -> Any:
-        """The ``mi.Bitmap`` of an exposure: the mean of what its cameras see."""
+        """The ``mi.Bitmap`` of an exposure: the mean of what its cameras see, and what has none at its middle."""
         first = 0 if self._drawn.options.denoise else number * len(cameras)
         total: Any = 0.0
-        for seed, camera in enumerate(cameras, first):
+        middle: Any = None
+        for moment, camera in enumerate(cameras):
             self._place(camera)
-            total = total + np.array(self._drawn.rendered(lambda done, n: goes_on(), seed))
-        return self._drawn.bitmap_of(total / len(cameras))
+            image = np.array(self._drawn.rendered(lambda done, n: goes_on(), first + moment))
+            total = total + image
+            middle = image if moment == len(cameras) // 2 else middle
+        adds_up = np.array([_adds_up(name) for name in self._drawn.recorded_channels()])
+        return self._drawn.bitmap_of(np.where(adds_up, total / len(cameras), middle))
 
     def _place(self, camera: Camera) -> None:
         """Let the sensor see what a camera sees. Raises ``DataError``."""
@@ -75,3 +80,11 @@ class SceneFrames:
         parameters["film.size"] = parameters["film.crop_size"] = [width, height]
         parameters["film.crop_offset"] = [0, 0]
         parameters.update()
+
+
+def _adds_up(channel: str) -> bool:
+    """Whether the mean of a channel is what a shutter lets through: of light and coverage it is, and of what a denoiser
+    is given. Others, such as depths and numbers of primitives, have a point in their name and a last part that is no
+    letter of a colour: a mean of them may be that of no surface at all."""
+    _, point, part = channel.rpartition(".")
+    return not point or part in "RGBA" or channel in CHANNELS

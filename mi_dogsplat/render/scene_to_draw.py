@@ -64,6 +64,11 @@ class SceneToDraw:
                 self.integrator.on_pass = told
             return mi.render(self.scene, sensor=self.sensor, spp=self.options.spp, seed=cast(Any, seed))
 
+    def recorded_channels(self) -> list[str]:
+        """Names of the channels of what was ``rendered`` last."""
+        recorded: Any = self.sensor.film().bitmap()
+        return [field.name for field in recorded.struct_()]
+
     def bitmap_of(self, image: Any) -> Any:
         """The ``mi.Bitmap`` of such a tensor or array, without the noise that is to be smoothed and the channels that
         tell of it."""
@@ -73,7 +78,7 @@ class SceneToDraw:
             kept = [*"RGBA"[: image.shape[-1] - len(names)], *(name for name in names if name not in CHANNELS)]
             return mi.Bitmap(denoised(image, names), mi.Bitmap.PixelFormat.MultiChannel, kept)
         recorded: Any = self.sensor.film().bitmap()
-        return mi.Bitmap(image, recorded.pixel_format(), [field.name for field in recorded.struct_()])
+        return mi.Bitmap(image, recorded.pixel_format(), self.recorded_channels())
 
 
 def scene_to_draw(path: Path, options: SceneOptions) -> SceneToDraw:
