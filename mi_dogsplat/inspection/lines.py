@@ -32,9 +32,10 @@ def sh_degrees(splats: Splats) -> str:
 
 
 def drawn(drawing: Drawing) -> str:
-    """``antialiased, near clip 0.2``."""
+    """``antialiased, near clip 0.2``; lengths that were scaled have digits without end, of which some are told."""
     words = [name if value is True else f"not {name}" for name, value in drawing.said().items() if type(value) is bool]
-    named = [f"{name.replace('_', ' ')} {value}" for name, value in drawing.said().items() if type(value) is not bool]
+    told = {name: f"{value:.6g}" if type(value) is float else value for name, value in drawing.said().items()}
+    named = [f"{name.replace('_', ' ')} {value}" for name, value in told.items() if type(value) is not bool]
     return ", ".join(words + named)
 
 
