@@ -229,6 +229,24 @@ def test_pixels_that_are_not_square_make_a_picture_of_the_shown_proportions(stag
     assert path.at(1.0).camera(480, 270).fx == pytest.approx(50 * 15)
 
 
+def test_a_product_of_the_settings_comes_before_them_in_pictures_of_its_camera(stage):
+    UsdGeom.Camera.Define(stage, "/Other")
+    settings = rendered(stage, (640, 360))
+    products = [UsdRender.Product.Define(stage, f"/Render/{name}") for name in ("Close", "Wide")]
+    settings.CreateProductsRel().SetTargets(["/Render/Missing", *(product.GetPath() for product in products)])
+    close, wide = products
+    close.CreateCameraRel().SetTargets(["/Other"])
+    close.CreateResolutionAttr(Gf.Vec2i(100, 50))
+    wide.CreatePixelAspectRatioAttr(2.0)
+    assert saved(stage).size == (100, 50)  # of the camera of the first one
+    assert saved(stage, name=":/Rig/Camera").size == (1280, 360)  # resolution of the settings, pixels of its own
+    settings.CreateCameraRel().SetTargets(["/Other"])
+    assert saved(stage, name=":/Rig/Camera").size == (640, 360)  # which no product shows
+    wide.CreateCameraRel().SetTargets(["/Rig/Camera"])
+    wide.CreateAspectRatioConformPolicyAttr("adjustPixelAspectRatio")
+    assert saved(stage, name=":/Rig/Camera").size == (640, 360)
+
+
 @pytest.mark.parametrize("aspect", [0.0, -1.0, float("nan"), float("inf")])
 def test_pixels_of_no_width_are_square(stage, aspect):
     rendered(stage, (400, 270)).CreatePixelAspectRatioAttr(aspect)
