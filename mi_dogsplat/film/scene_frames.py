@@ -14,7 +14,7 @@ import numpy as np
 from ..datasets.scene_digests import scene_digests
 from ..plugin.denoising import CHANNELS
 from ..render.scene_picture import channels_of, shown
-from ..render.scene_to_draw import SceneToDraw
+from ..render.scene_to_draw import SceneToDraw, channel_names, pixels_of
 from ..scene.cameras import Camera
 from ..scene.mitsuba_cameras import opencv_w2c_to_mitsuba_c2w
 from ..support.errors import DataError
@@ -56,14 +56,16 @@ class SceneFrames:
         """The ``mi.Bitmap`` of an exposure: the mean of what its cameras see, and what has none at its middle."""
         first = 0 if self._drawn.options.denoise else number * len(cameras)
         total: Any = 0.0
+        bitmap: Any = None
         middle: Any = None
         for moment, camera in enumerate(cameras):
             self._place(camera)
-            image = np.array(self._drawn.rendered(lambda done, n: goes_on(), first + moment))
-            total = total + image
-            middle = image if moment == len(cameras) // 2 else middle
-        adds_up = np.array([_adds_up(name) for name in self._drawn.recorded_channels()])
-        return self._drawn.bitmap_of(np.where(adds_up, total / len(cameras), middle))
+            bitmap = self._drawn.rendered(lambda done, n: goes_on(), first + moment)
+            total = total + pixels_of(bitmap)
+            middle = pixels_of(bitmap) if moment == len(cameras) // 2 else middle
+        names = channel_names(bitmap)
+        mean = np.where([_adds_up(name) for name in names], total / len(cameras), middle)
+        return self._drawn.without_noise(mi.Bitmap(mean, bitmap.pixel_format(), names))
 
     def _place(self, camera: Camera) -> None:
         """Let the sensor see what a camera sees. Raises ``DataError``."""

@@ -153,6 +153,16 @@ def test_openexr_has_the_channels_of_the_film(scene, tmp_path):
     assert {"RGB", "depth.Z"} <= set(read_exr(tmp_path / "f" / "0.exr"))
 
 
+def test_an_integrator_aov_keeps_the_colours_that_it_has_from_another(scene, tmp_path):
+    """Which what ``mi.render`` returns lacks."""
+    inner = '<string name="aovs" value="dd:depth"/><integrator type="path" name="inside"/>'
+    path = scene(integrator=f'<integrator type="aov">{inner}</integrator>', shapes=CUBE)
+    make_scene_film(path, tmp_path / "f" / "%d.exr", config=replace(FEW, seconds=0.1, shutter=0.5, samples=2))
+    seen = read_exr(tmp_path / "f" / "0.exr")
+    np.testing.assert_allclose(seen["inside"][..., :3], seen["RGB"], atol=1e-6)
+    assert seen["dd.T"].max() > 3
+
+
 def test_motion_blur_is_the_mean_of_linear_light_and_coverage(scene, tmp_path):
     """Of the pictures at its moments, which a film with as many more frames in a second has. Depths and numbers of
     primitives have no mean: they are those of one moment."""
