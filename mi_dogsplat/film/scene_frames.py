@@ -21,6 +21,7 @@ from ..support.errors import DataError
 from ..support.pictures import write_channels
 
 MOVED = ("to_world", "x_fov", "film.size", "film.crop_size", "film.crop_offset")  # parameters of a sensor that can go
+SQUARES = "m2_"  # before the name of a channel: the mean of its squares, of an integrator ``moment``
 OFF_CENTRE = 1e-6  # of a picture's side: a principal point that is so near to the middle is there
 
 
@@ -64,7 +65,7 @@ class SceneFrames:
             total = total + pixels_of(bitmap)
             middle = pixels_of(bitmap) if moment == len(cameras) // 2 else middle
         names = channel_names(bitmap)
-        mean = np.where([_adds_up(name) for name in names], total / len(cameras), middle)
+        mean = np.where([_adds_up(name, names) for name in names], total / len(cameras), middle)
         return self._drawn.without_noise(mi.Bitmap(mean, bitmap.pixel_format(), names))
 
     def _place(self, camera: Camera) -> None:
@@ -84,9 +85,11 @@ class SceneFrames:
         parameters.update()
 
 
-def _adds_up(channel: str) -> bool:
-    """Whether the mean of a channel is what a shutter lets through: of light and coverage it is, and of what a denoiser
-    is given. Others, such as depths and numbers of primitives, have a point in their name and a last part that is no
-    letter of a colour: a mean of them may be that of no surface at all."""
+def _adds_up(channel: str, names: Sequence[str]) -> bool:
+    """Whether the mean of a channel, one of these, is what a shutter lets through: of light and coverage it is, of what
+    a denoiser is given, and of the moments of an integrator ``moment``, which are of light. Others, such as depths and
+    numbers of primitives, have a point in their name and a last part that is no letter of a colour: a mean of them may
+    be that of no surface at all."""
     _, point, part = channel.rpartition(".")
-    return not point or part in "RGBA" or channel in CHANNELS
+    of_moments = channel.startswith(SQUARES) or SQUARES + channel in names
+    return not point or part in "RGBA" or channel in CHANNELS or of_moments

@@ -153,6 +153,15 @@ def test_openexr_has_the_channels_of_the_film(scene, tmp_path):
     assert {"RGB", "depth.Z"} <= set(read_exr(tmp_path / "f" / "0.exr"))
 
 
+def test_the_moments_of_light_are_means_as_light_is(scene, tmp_path):
+    """An integrator ``moment`` has X, Y and Z of light, which are named as those of a normal."""
+    path = scene(integrator='<integrator type="moment"><integrator type="path" name="p"/></integrator>', shapes=CUBE)
+    config = replace(FEW, seconds=0.1, shutter=1.0, samples=2)
+    make_scene_film(path, tmp_path / "f" / "%d.exr", config=config)
+    seen = read_exr(tmp_path / "f" / "0.exr")
+    np.testing.assert_allclose(seen["p.Y"], seen["RGB"] @ np.array([0.2126, 0.7152, 0.0722]), atol=1e-3)
+
+
 def test_an_integrator_aov_keeps_the_colours_that_it_has_from_another(scene, tmp_path):
     """Which what ``mi.render`` returns lacks."""
     inner = '<string name="aovs" value="dd:depth"/><integrator type="path" name="inside"/>'
