@@ -93,7 +93,7 @@ def _path(path: Path, stage: Usd.Stage, prim: Usd.Prim, model: Model | None, fov
         time = start + share * (end - start)
         with looked_at(path):  # it is asked for frames when the stage was opened long ago
             lens, to_model = seen(time), to_model_at(time)
-        side = shorter_side(stage, name, lens, size)
+            side = shorter_side(stage, name, lens, size)
         offset = (-lens.horizontalApertureOffset / side, lens.verticalApertureOffset / side)
         c2w = to_model @ np.array(lens.transform).T @ RDF
         focal = lens.focalLength / side if fov is None else focal_of_fov(fov)

@@ -334,6 +334,12 @@ def test_what_breaks_while_a_film_is_made_is_one_line(stage, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+def test_the_library_is_silent_about_settings_that_are_nowhere(stage, capfd):
+    stage.SetMetadata("renderSettingsPrimPath", "no path")
+    assert saved(stage).at(0.5).focal > 0
+    assert capfd.readouterr() == ("", "")
+
+
 def test_a_stage_that_is_written_anew_while_a_film_is_made_is_followed_as_it_was(stage, tmp_path):
     """The library maps binary files into memory, and some programs write theirs in place."""
     write_model(tmp_path / "model.ply", tiny_data.truth())
