@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..scene.drawing import Drawing
+from ..scene.drawing import Drawing, told
 from ..scene.splats import Splats
 from ..support.wording import count
 
@@ -32,10 +32,10 @@ def sh_degrees(splats: Splats) -> str:
 
 
 def drawn(drawing: Drawing) -> str:
-    """``antialiased, near clip 0.2``; lengths that were scaled have digits without end, of which some are told."""
+    """``antialiased, near clip 0.2``."""
     words = [name if value is True else f"not {name}" for name, value in drawing.said().items() if type(value) is bool]
-    told = {name: f"{value:.6g}" if type(value) is float else value for name, value in drawing.said().items()}
-    named = [f"{name.replace('_', ' ')} {value}" for name, value in told.items() if type(value) is not bool]
+    numbers = {name: told(value) for name, value in drawing.said().items() if type(value) is not bool}
+    named = [f"{name.replace('_', ' ')} {value}" for name, value in numbers.items()]
     return ", ".join(words + named)
 
 
