@@ -40,7 +40,7 @@ def closed_room() -> Any:
         pixels = picture()
         size = [width / 2, width / 2 * pixels.shape[0] / pixels.shape[1], 1]
         hung = wall.translate([0.3, 0.2, 0.02]).scale(size)
-        room[f"picture{k}"] = {"type": "rectangle", "to_world": hung, "bsdf": _diffuse(pixels, (1, 1, 1))}
+        room[f"picture{k}"] = {"type": "rectangle", "to_world": hung, "bsdf": _diffuse(pixels[::-1], (1, 1, 1))}
     cloths = data.grass(), data.stereo_motorcycle()[0], data.coins(), data.colorwheel()
     for k, ((x, y, edge, turn), cloth) in enumerate(zip(FURNITURE, cloths, strict=True)):
         pose = T().translate([x, y, edge]).rotate([0, 0, 1], turn).scale(edge)
@@ -49,7 +49,7 @@ def closed_room() -> Any:
 
 
 def _diffuse(pixels: np.ndarray, tint: tuple[float, float, float]) -> dict[str, Any]:
-    """A material with this picture, uint8 [H, W] or [H, W, 3] in sRGB, times a colour."""
+    """A material with this picture, uint8 [H, W] or [H, W, 3] in sRGB, times a colour; its first row is the lowest."""
     colours = (pixels[..., None] if pixels.ndim == 2 else pixels) / 255.0 * np.array(tint)
     bitmap = mi.Bitmap(np.rint(255 * colours).astype(np.uint8))
     return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "bitmap", "bitmap": bitmap}}}

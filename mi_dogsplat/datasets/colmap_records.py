@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.cameras import RIGID_TOLERANCE, affine
+from ..scene.cameras import RIGID_TOLERANCE, affine, require_pixels
 from ..scene.quaternions import rotation_from_quaternion
 from ..support.errors import DataError
 from .lens import Lens
@@ -86,6 +86,10 @@ def camera_of(
     ):
         raise DataError(path, f"camera {camera_id} is {width}x{height} with parameters {values}", REMEDY)
     focal, (cx, cy, *distortion) = values[: 1 + separate], values[1 + separate :]
+    try:
+        require_pixels(cx, cy, width, height)
+    except ValueError as error:
+        raise DataError(path, f"camera {camera_id}: {error}", "multiply them by width and height") from None
     lens = Lens(tuple(distortion), fisheye=name.endswith("FISHEYE"))
     if name in ("OPENCV", "FULL_OPENCV"):
         k1, k2, p1, p2, *others = distortion

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.cameras import Camera, opengl_c2w_to_opencv_w2c
+from ..scene.cameras import Camera, opengl_c2w_to_opencv_w2c, require_pixels
 from ..support.errors import DataError
 from ..support.json_values import in_json, number_in
 from .images import image_size
@@ -59,6 +59,7 @@ def camera_of(file: Path, frame: dict[str, Any], w2c: np.ndarray, image_path: Pa
     fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)  # one focal length means square pixels
     assert fx is not None and fy is not None
     cx, cy = number_in(frame, "cx", width / 2), number_in(frame, "cy", height / 2)
+    require_pixels(cx, cy, width, height)
     return Camera(w2c, fx, fy, cx, cy, width, height)
 
 

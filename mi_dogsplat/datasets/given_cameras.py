@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.camera_file import FORMAT, camera_from_json
+from ..scene.camera_file import FORMAT, camera_in_file
 from ..scene.cameras import Camera
 from ..scene.mitsuba_cameras import SQUARE_TOLERANCE, camera_from_mitsuba
 from ..support.errors import DataError, Wrong
@@ -84,7 +84,7 @@ def listed_shots(path: Path, extent: float, downscale: int) -> list[Shot]:
     shots = []
     for i, entry in enumerate(content):
         try:
-            camera = _square(camera_from_json(entry))
+            camera = _square(camera_in_file(entry))
         except (ValueError, TypeError, OverflowError, KeyError) as error:
             raise DataError(path, f"camera {i}: {error}", FORMAT) from error
         camera = shrunk(path, camera, f"camera {i}", downscale)

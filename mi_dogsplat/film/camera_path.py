@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,6 +78,12 @@ class CameraPath:
         offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * shutter  # [samples]
         shares = (np.arange(n)[:, None] + offsets) / steps  # [n, samples]
         return shares % 1.0 if self.closed else np.clip(shares, 0, 1)
+
+    def read_at(self, moments: np.ndarray) -> CameraPath:
+        """The same way at these shares of it (any shape) alone, with nothing left to read from its file: while a film
+        is made, that may be written anew."""
+        known = {share: self.at(share) for share in np.unique(moments).tolist()}
+        return replace(self, at=known.__getitem__)
 
     def sha256(self, moments: np.ndarray) -> str:
         """Tells this way from others by its lenses at these shares of it (any shape).

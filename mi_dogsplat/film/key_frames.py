@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from ..datasets.camera_paths import look_at
 from ..render.framing import AUTOMATIC_FOV
-from ..scene.camera_file import camera_from_json
+from ..scene.camera_file import camera_in_file
 from ..scene.cameras import affine, inverse_rigid
 from ..support.errors import DataError
 from ..support.files import read_json
@@ -130,7 +130,7 @@ def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
     if time is not None and abs(time) > LARGEST:
         raise ValueError(f'"time" is beyond {LARGEST:g}')
     if "w2c" in entry:
-        camera = camera_from_json(entry)
+        camera = camera_in_file(entry)
         focal, offset = focal_of_camera(camera), offset_of_camera(camera)
         if abs(camera.position).max() > LARGEST or not 1 / LARGEST <= focal <= LARGEST:
             raise ValueError(f"its position is beyond {LARGEST:g}, or its focal length no length of a lens")

@@ -75,8 +75,9 @@ def record(
     what = f"{path.what}: {counted(n, 'frame')} of {size[0]} x {size[1]}"
     if output.pictures is None:
         require_even(output.out, size)
-    frames = frames_of()
     moments = path.moments(n, steps, config.shutter, config.samples if config.shutter else 1)  # [n, samples]
+    path = path.read_at(moments)
+    frames = frames_of()
 
     def cameras(number: int) -> list[Camera]:
         return [path.at(float(share)).camera(*size) for share in moments[number]]

@@ -12,14 +12,16 @@ import mitsuba as mi
 import numpy as np
 
 from ..datasets.scene_digests import scene_digests
+from ..plugin.denoising import CHANNELS
 from ..render.scene_picture import channels_of, shown
-from ..render.scene_to_draw import SceneToDraw
+from ..render.scene_to_draw import SceneToDraw, channel_names, pixels_of
 from ..scene.cameras import Camera
 from ..scene.mitsuba_cameras import opencv_w2c_to_mitsuba_c2w
 from ..support.errors import DataError
 from ..support.pictures import write_channels
 
 MOVED = ("to_world", "x_fov", "film.size", "film.crop_size", "film.crop_offset")  # parameters of a sensor that can go
+SQUARES = "m2_"  # before the name of a channel: the mean of its squares, of an integrator ``moment``
 OFF_CENTRE = 1e-6  # of a picture's side: a principal point that is so near to the middle is there
 
 
@@ -52,13 +54,19 @@ class SceneFrames:
         return {**scene_digests(self._drawn.file, options.defined), **asdict(options)}
 
     def _bitmap(self, number: int, cameras: Sequence[Camera], goes_on: Callable[[], None]) -> Any:
-        """The ``mi.Bitmap`` of an exposure: the mean of what its cameras see."""
+        """The ``mi.Bitmap`` of an exposure: the mean of what its cameras see, and what has none at its middle."""
         first = 0 if self._drawn.options.denoise else number * len(cameras)
         total: Any = 0.0
-        for seed, camera in enumerate(cameras, first):
+        bitmap: Any = None
+        middle: Any = None
+        for moment, camera in enumerate(cameras):
             self._place(camera)
-            total = total + np.array(self._drawn.rendered(lambda done, n: goes_on(), seed))
-        return self._drawn.bitmap_of(total / len(cameras))
+            bitmap = self._drawn.rendered(lambda done, n: goes_on(), first + moment)
+            total = total + pixels_of(bitmap)
+            middle = pixels_of(bitmap) if moment == len(cameras) // 2 else middle
+        names = channel_names(bitmap)
+        mean = np.where([_adds_up(name, names) for name in names], total / len(cameras), middle)
+        return self._drawn.without_noise(mi.Bitmap(mean, bitmap.pixel_format(), names))
 
     def _place(self, camera: Camera) -> None:
         """Let the sensor see what a camera sees. Raises ``DataError``."""
@@ -75,3 +83,13 @@ class SceneFrames:
         parameters["film.size"] = parameters["film.crop_size"] = [width, height]
         parameters["film.crop_offset"] = [0, 0]
         parameters.update()
+
+
+def _adds_up(channel: str, names: Sequence[str]) -> bool:
+    """Whether the mean of a channel, one of these, is what a shutter lets through: of light and coverage it is, of what
+    a denoiser is given, and of the moments of an integrator ``moment``, which are of light. Others, such as depths and
+    numbers of primitives, have a point in their name and a last part that is no letter of a colour: a mean of them may
+    be that of no surface at all."""
+    _, point, part = channel.rpartition(".")
+    of_moments = channel.startswith(SQUARES) or SQUARES + channel in names
+    return not point or part in "RGBA" or channel in CHANNELS or of_moments

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ..formats.model import Model
 from ..formats.read import read_model
-from ..render.framing import likely_up, near_clip_for
+from ..render.framing import drawn_without_data, likely_up
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL, read_run
@@ -63,9 +63,7 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions, 
     read = read_model(model)
     cameras = data_cameras(data)
     said_by_run = Drawing(trained.get("antialiased"), trained.get("near_clip"))
-    said = options.drawing.over(said_by_run.over(read.drawing))
-    drawn, asked = drawn_as(said), said.near_clip if chosen else options.near_clip
-    if not cameras.cameras:
-        drawn = replace(drawn, near_clip=near_clip_for(read.splats, drawn.near_clip, asked))
+    said = options.drawing, said_by_run.over(read.drawing)
+    drawn = drawn_as(*said) if cameras.cameras else drawn_without_data(read.splats, *said, chosen=chosen)
     background = background_color(options.or_trained(trained).background, cameras.has_alpha)
     return Subject(read, cameras, background, drawn, missing)

@@ -93,13 +93,13 @@ def _path(path: Path, stage: Usd.Stage, prim: Usd.Prim, model: Model | None, fov
         time = start + share * (end - start)
         with looked_at(path):  # it is asked for frames when the stage was opened long ago
             lens, to_model = seen(time), to_model_at(time)
-        side = shorter_side(stage, lens, size)
+            side = shorter_side(stage, name, lens, size)
         offset = (-lens.horizontalApertureOffset / side, lens.verticalApertureOffset / side)
         c2w = to_model @ np.array(lens.transform).T @ RDF
         focal = lens.focalLength / side if fov is None else focal_of_fov(fov)
         return Lens(affine(_rotation(path, f"the camera {name}", c2w[:3, :3]), c2w[:3, 3]), focal, offset)
 
-    size = picture_size(stage, seen(start))
+    size = picture_size(stage, name, seen(start))
     for share in (0.0, 1.0):
         at(share)  # what is wrong with it is said before a film begins
     return CameraPath(at, False, f"camera {name} of {path.name}", seconds or None, size, _fps(stage))

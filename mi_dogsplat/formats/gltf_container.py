@@ -54,10 +54,13 @@ class Container:
             raise DataError(path, f"is no glTF 2 ({error})", DAMAGED) from error
 
     def accessor(self, index: Any) -> Array:
-        """Values [count, width] of an accessor, as numbers; normalised integers become 0..1 or -1..1."""
+        """Values [count, width] of an accessor, as numbers; normalised integers become 0..1 or -1..1.
+
+        Raises ``DataError`` for a sparse one, which glTF allows and nobody writes of Gaussians.
+        """
         accessor = entry(self.content["accessors"], index)
         if "sparse" in accessor:
-            raise ValueError("an accessor is sparse")
+            raise DataError(self.path, f"its accessor {index} is sparse, which is not read", "export it without that")
         width, count = WIDTHS[accessor["type"]], _whole(accessor["count"])
         dtype = np.dtype(TYPES[accessor["componentType"]])
         view = entry(self.content["bufferViews"], accessor["bufferView"])

@@ -76,7 +76,7 @@ def _nodes(content: Any) -> Iterator[tuple[Any, Array]]:
     nodes = content.get("nodes", [])
     scenes = content.get("scenes")
     children = {child for node in nodes for child in node.get("children", [])}
-    roots = entry(scenes, content.get("scene", 0))["nodes"] if scenes else set(range(len(nodes))) - children
+    roots = entry(scenes, content.get("scene", 0)).get("nodes", ()) if scenes else set(range(len(nodes))) - children
     waiting = [(root, np.eye(4), 0) for root in roots]
     visits = 0
     while waiting:

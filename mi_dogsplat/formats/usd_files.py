@@ -27,11 +27,15 @@ ARGUMENTS = ":SDF_FORMAT_ARGS:"  # what the library takes the rest of a name for
 
 
 def require_package(path: Path) -> None:
-    """Raise ``DataError`` where the library is missing."""
+    """Raise ``DataError`` where the library is missing, or cannot be told the path of a file."""
     try:
         import pxr  # noqa: F401
+
+        os.path.abspath(path).encode()
     except ImportError:
         raise DataError(path, "OpenUSD needs the package usd-core", "pip install 'mi_dogsplat[usd]'") from None
+    except UnicodeEncodeError:
+        raise DataError(path, "its path is not UTF-8, and OpenUSD knows no other", "rename it") from None
 
 
 def is_usd(head: bytes) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.drawing import USUAL, Drawing
+from ..scene.drawing import USUAL, Drawing, told
 from ..scene.kinds import varying
 from ..scene.radiance import brightened
 from ..scene.row_groups import SH
@@ -121,7 +121,7 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     said, lost = model.drawing.said(), []
     known = chosen.carries | ({"white"} if chosen.in_white else set())  # in units of which its white is 1, as usual
     unsaid = {name: value for name, value in said.items() if name not in known}
-    if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != USUAL[name]]:
+    if unusual := [f"{name} {told(value)}" for name, value in unsaid.items() if value != USUAL[name]]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
     if model.splats.is_cut.any() and not chosen.cuts:
         n = count(model.splats.is_cut.sum())

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..scene.drawing import Drawing
+from ..scene.drawing import Drawing, told
 from ..scene.splats import Splats
 from ..support.wording import count
 
@@ -34,7 +34,8 @@ def sh_degrees(splats: Splats) -> str:
 def drawn(drawing: Drawing) -> str:
     """``antialiased, near clip 0.2``."""
     words = [name if value is True else f"not {name}" for name, value in drawing.said().items() if type(value) is bool]
-    named = [f"{name.replace('_', ' ')} {value}" for name, value in drawing.said().items() if type(value) is not bool]
+    numbers = {name: told(value) for name, value in drawing.said().items() if type(value) is not bool}
+    named = [f"{name.replace('_', ' ')} {value}" for name, value in numbers.items()]
     return ", ".join(words + named)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, read_run
-from ..scene.drawing import DrawnAs
+from ..scene.drawing import DrawnAs, told
 from ..scene.kinds import COUNTED, kinds
 from ..support.wording import count, counted, duration, file_size, finite, fixed
 from ..training.config import FREE, TrainConfig
@@ -64,13 +64,13 @@ def _settings(config: dict[str, Any]) -> list[str]:
     usual = {field.name: field.default for field in fields(TrainConfig) if field.name not in UNTOLD}
     if config.get("near_clip") == DrawnAs().near_clip:  # a run writes it down where nobody has said anything, too
         usual["near_clip"] = config["near_clip"]
-    told = [name for name in config if name in SETTINGS or (name in usual and config[name] != usual[name])]
-    return [name if config[name] is True else f"{name} {_whole(config[name])}" for name in told]
+    shown = [name for name in config if name in SETTINGS or (name in usual and config[name] != usual[name])]
+    return [name if config[name] is True else f"{name} {_short(config[name])}" for name in shown]
 
 
-def _whole(value: Any) -> Any:
-    """The same, but 10000 for 10000.0."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
+def _short(value: Any) -> Any:
+    """As lines tell it, and 10000000 for 10000000.0."""
+    return int(value) if isinstance(value, float) and value.is_integer() else told(value)
 
 
 def _quality(values: dict[str, Any]) -> str:

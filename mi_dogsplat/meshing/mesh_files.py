@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from ..scene.ply_tables import RGB
 from ..support.errors import DataError
 from ..support.files import write_bytes
 from ..support.srgb import srgb_to_linear
+from .beside import MARK, material_beside, picture_beside, require_ours, written_beside
 from .mesh import Mesh, Texture
 from .usd_look import paint
 
@@ -41,7 +41,8 @@ Writer = Callable[[Path, Mesh, Drawing], None]
 def writer_of(path: Path, texture: bool = False) -> Writer:
     """What writes a mesh, or one with a texture, to a file of this name.
 
-    Raises ``DataError`` for a name of another format, and where the library of OpenUSD is missing.
+    Raises ``DataError`` for a name of another format, where the library of OpenUSD is missing, and where the texture
+    would take the place of something else.
     """
     if (write := WRITERS.get(path.suffix.lower())) is None:
         raise DataError(path, "no known mesh format", f"name a file that ends in {', '.join(WRITERS)}")
@@ -50,6 +51,8 @@ def writer_of(path: Path, texture: bool = False) -> Writer:
         raise DataError(path, "has no place for a texture", f"name a file that ends in {names}")
     if write is write_usd:
         require_package(path)
+    if texture and path.suffix.lower() not in WHOLE:
+        require_ours(picture_beside(path), *[material_beside(path)] * (write is write_obj))
     return write
 
 
@@ -77,15 +80,15 @@ def write_obj(path: Path, mesh: Mesh, _: Drawing) -> None:
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.tolist()]  # all that float32 tells apart
     corner, beside = "{0}", dict[Path, bytes]()
     if mesh.texture is not None:
-        corner, picture, material = "{0}/{0}", _beside(path), path.with_suffix(".mtl")
-        said = f"newmtl surface\nKa 1 1 1\nKd 1 1 1\nillum 0\nmap_Kd {picture.name}\n"  # no light falls on it
-        beside = {picture: _picture(mesh.texture), material: os.fsencode(said)}
+        corner, picture, material = "{0}/{0}", picture_beside(path), material_beside(path)
+        said = f"\nnewmtl surface\nKa 1 1 1\nKd 1 1 1\nillum 0\nmap_Kd {picture.name}\n"  # no light falls on it
+        beside = {picture: _picture(mesh.texture), material: b"# " + MARK + os.fsencode(said)}
         lines = [f"mtllib {material.name}", *lines, "usemtl surface"]
         lines += [f"vt {u:.7g} {1 - v:.7g}" for u, v in mesh.texture.uv.tolist()]  # up from the bottom
     elif mesh.colors is not None:
         lines = [f"{line} {r:.4g} {g:.4g} {b:.4g}" for line, (r, g, b) in zip(lines, mesh.colors.tolist(), strict=True)]
     lines += [" ".join(("f", *(corner.format(k) for k in face))) for face in (mesh.faces + 1).tolist()]
-    with _written(beside):
+    with written_beside(beside):
         write_bytes(path, os.fsencode("\n".join(lines) + "\n"))  # names may be no UTF-8
 
 
@@ -133,32 +136,13 @@ def write_usd(path: Path, mesh: Mesh, drawing: Drawing) -> None:
     if mesh.texture is None:
         write_stage(path, stage)
         return
-    picture, content = _beside(path), _picture(mesh.texture)
+    picture, content = picture_beside(path), _picture(mesh.texture)
     paint(prim, mesh.texture.uv, f"./{picture.name}")
     if path.suffix.lower() == PACKAGE:
         write_stage(path, stage, {picture.name: content})
         return
-    with _written({picture: content}):
+    with written_beside({picture: content}):
         write_stage(path, stage)
-
-
-def _beside(path: Path) -> Path:
-    """The picture of a mesh that has none inside of its file."""
-    return path.with_name(f"{path.stem}_texture.jpg")
-
-
-@contextmanager
-def _written(beside: Mapping[Path, bytes]) -> Iterator[None]:
-    """Write files beside one that is written here; if that cannot be, those that are new are not left."""
-    new = [file for file in beside if not file.exists()]
-    try:
-        for file, content in beside.items():
-            write_bytes(file, content)
-        yield
-    except DataError:
-        for file in new:
-            file.unlink(missing_ok=True)
-        raise
 
 
 def _picture(texture: Texture) -> bytes:
@@ -166,10 +150,11 @@ def _picture(texture: Texture) -> bytes:
     from PIL import Image
 
     pixels, file = np.rint(255 * np.clip(texture.pixels, 0, 1)).astype(np.uint8), io.BytesIO()
-    Image.fromarray(pixels).save(file, "JPEG", **QUALITY)
+    Image.fromarray(pixels).save(file, "JPEG", **QUALITY, comment=MARK)
     return file.getvalue()
 
 
+WHOLE = (".glb", ".gltf", PACKAGE)  # files that hold their texture
 WITH_TEXTURE = (write_obj, write_gltf, write_usd)
 WRITERS: dict[str, Writer] = {".ply": write_ply, ".obj": write_obj, **dict.fromkeys((".glb", ".gltf"), write_gltf),
                              **dict.fromkeys(NAMES, write_usd)}  # fmt: skip

@@ -24,6 +24,8 @@ MATRICES = (0, BT709, UNSPECIFIED, 4, 5, 6, 7, 9)  # those that ffmpeg converts
 OTHERS = {8: "YCgCo", 10: "BT.2020 of constant luminance", 14: "ICtCp"}
 PQ, HLG = 16, 18  # transfer functions, in the same table
 HD_WIDTH, SD_HEIGHT = 1280, 576  # what does not say is BT.709 from there on and above, as in players
+# ffmpeg's shortcuts from chroma of half the size to 8 bits are 1 to 2 levels too dark; this way through it rounds
+WHOLE_CHROMA, PLANES = "yuv444p10le", "gbrp"
 WHITE_NITS = 203.0  # light of diffuse white in HDR (ITU-R BT.2408)
 PEAK_NITS, SYSTEM_GAMMA = 1000.0, 1.2  # of the screen that HLG is shown on (BT.2100)
 
@@ -41,10 +43,13 @@ def srgb_of(frame: Any, width: int) -> NDArray[np.uint8]:
 
     Other video has the curve of sRGB, as screens show it, whichever it says that cameras have.
     """
-    shape: dict[str, Any] = {"width": width, "height": frame.height, "src_colorspace": _matrix(frame)}
+    matrix = _matrix(frame)
+    shape: dict[str, Any] = {"width": width, "height": frame.height, "src_colorspace": matrix}
     curve, primaries = frame.color_trc, WIDE.get(frame.color_primaries)
     if curve not in (PQ, HLG):
-        pixels = frame.to_ndarray(format="rgb24", **shape)
+        if not frame.format.is_rgb and len(frame.format.components) > 1:
+            frame = frame.reformat(format=WHOLE_CHROMA, dst_colorspace=matrix, **shape)
+        pixels = frame.to_ndarray(format=PLANES, **shape)
         if primaries is None:
             return pixels
         return np.asarray(as_srgb(Image.fromarray(pixels), Encoding(primaries)))

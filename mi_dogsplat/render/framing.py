@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from ..datasets.camera_paths import circling_shots, look_at
 from ..datasets.capture_config import CaptureConfig
 from ..scene.cameras import Camera
+from ..scene.drawing import Drawing, DrawnAs, drawn_as
 from ..scene.orientation import up_name, up_vector
 from ..scene.splats import Splats
 
@@ -60,9 +62,22 @@ def vertical(splats: Splats, up_axis: str | None) -> np.ndarray:
 
 
 def near_clip_for(splats: Splats, near_clip: float, asked: float | None) -> float:
-    """The near clip of views that nobody chose, which may stand close to a small model: what was ``asked`` for, else
-    ``near_clip`` or less."""
+    """The near clip of views that may stand close to a small model: what was ``asked`` for, else ``near_clip`` or
+    less."""
     return min(near_clip, NEAR_SHARE * robust_sphere(splats)[1]) if asked is None else asked
+
+
+def drawn_without_data(splats: Splats, asked: Drawing, file: Drawing, chosen: bool = False) -> DrawnAs:
+    """How a model is drawn whose photographs are not there, which may be small.
+
+    asked, file: what is asked for, and what the model's file says.
+    chosen: whether somebody says from where it is seen. Then the near clip of the file holds, too.
+    """
+    said = asked.over(file)
+    drawn = drawn_as(said)
+    return replace(
+        drawn, near_clip=near_clip_for(splats, drawn.near_clip, said.near_clip if chosen else asked.near_clip)
+    )
 
 
 def automatic_camera(splats: Splats, up_axis: str | None = None) -> Camera:

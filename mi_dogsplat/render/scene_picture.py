@@ -13,7 +13,7 @@ from ..support.errors import DataError
 from ..support.pictures import without_aovs
 from ..support.srgb import linear_to_srgb
 from .picture_memory import require_memory
-from .scene_to_draw import SceneOptions, scene_to_draw
+from .scene_to_draw import SceneOptions, channel_names, pixels_of, scene_to_draw
 
 
 def picture_of_scene(
@@ -31,14 +31,12 @@ def picture_of_scene(
     drawn = scene_to_draw(path, options)
     width, height = map(int, drawn.sensor.film().crop_size())
     require_memory(path, width, height, suffix, "make its film smaller")
-    image = drawn.rendered(on_pass)
-    return drawn.bitmap_of(image) if options.denoise else drawn.sensor.film().bitmap()
+    return drawn.without_noise(drawn.rendered(on_pass))
 
 
 def channels_of(bitmap: Any) -> dict[str, np.ndarray]:
     """What a ``mi.Bitmap`` holds: planes [H, W] by the names of its channels."""
-    planes = np.array(bitmap).reshape(bitmap.height(), bitmap.width(), -1)  # [H, W, channels]
-    return {field.name: planes[..., k] for k, field in enumerate(bitmap.struct_())}
+    return dict(zip(channel_names(bitmap), np.moveaxis(pixels_of(bitmap), -1, 0), strict=True))
 
 
 def shown(bitmap: Any, path: Path) -> np.ndarray:

@@ -54,7 +54,8 @@ class SceneToDraw:
     options: SceneOptions
 
     def rendered(self, on_pass: Callable[[int, int], None] | None = None, seed: int = 0) -> Any:
-        """What the integrator makes of it, a tensor [H, W, C]: all channels of the film, and those of a denoiser.
+        """What the integrator makes of it, a ``mi.Bitmap``: all channels of the film, and those of a denoiser. Of an
+        integrator ``aov`` what ``mi.render`` returns lacks some.
 
         Integrators that splat call ``on_pass`` with the number of samples that each pixel has, and that of all. Raises
         ``DataError`` for what Mitsuba has to say about the scene.
@@ -62,18 +63,16 @@ class SceneToDraw:
         with undisguised(on_pass) as told, mitsuba_errors(self.file), interruptible():
             if hasattr(self.integrator, "on_pass"):
                 self.integrator.on_pass = told
-            return mi.render(self.scene, sensor=self.sensor, spp=self.options.spp, seed=cast(Any, seed))
+            mi.render(self.scene, sensor=self.sensor, spp=self.options.spp, seed=cast(Any, seed))
+            return self.sensor.film().bitmap()
 
-    def bitmap_of(self, image: Any) -> Any:
-        """The ``mi.Bitmap`` of such a tensor or array, without the noise that is to be smoothed and the channels that
-        tell of it."""
-        image = np.array(image, np.float32)
-        if self.options.denoise:
-            names = self.integrator.aov_names()
-            kept = [*"RGBA"[: image.shape[-1] - len(names)], *(name for name in names if name not in CHANNELS)]
-            return mi.Bitmap(denoised(image, names), mi.Bitmap.PixelFormat.MultiChannel, kept)
-        recorded: Any = self.sensor.film().bitmap()
-        return mi.Bitmap(image, recorded.pixel_format(), [field.name for field in recorded.struct_()])
+    def without_noise(self, bitmap: Any) -> Any:
+        """Such a bitmap without the noise that is to be smoothed and the channels that tell of it."""
+        if not self.options.denoise:
+            return bitmap
+        names = self.integrator.aov_names()
+        kept = [name for name in channel_names(bitmap) if name not in CHANNELS]
+        return mi.Bitmap(denoised(pixels_of(bitmap), names), mi.Bitmap.PixelFormat.MultiChannel, kept)
 
 
 def scene_to_draw(path: Path, options: SceneOptions) -> SceneToDraw:
@@ -93,6 +92,16 @@ def scene_to_draw(path: Path, options: SceneOptions) -> SceneToDraw:
         if options.denoise:
             _ask_for_guides(integrator, sensor.film())
         return SceneToDraw(path, scene, sensor, integrator, options)
+
+
+def channel_names(bitmap: Any) -> list[str]:
+    """Of a ``mi.Bitmap``, in order."""
+    return [field.name for field in bitmap.struct_()]
+
+
+def pixels_of(bitmap: Any) -> np.ndarray:
+    """Those of a ``mi.Bitmap``, float32 [H, W, channels]."""
+    return np.array(bitmap, np.float32).reshape(bitmap.height(), bitmap.width(), -1)
 
 
 @contextmanager

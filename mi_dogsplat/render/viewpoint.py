@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..scene.camera_file import read_camera
@@ -11,7 +11,7 @@ from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, DrawnAs, drawn_as
 from ..scene.splats import Splats
 from ..support.errors import DataError
-from .framing import automatic_camera, near_clip_for
+from .framing import automatic_camera, drawn_without_data
 from .picture import background_color
 from .picture_options import PictureOptions
 
@@ -42,15 +42,15 @@ def viewpoint(
         data: a data set.
         camera: the name of one of its views or of its image (``view_meant``), or a camera file (``camera_file.py``);
             None is the first test view of the data, or without data a camera that frames the model.
-        options: ``downscale`` shrinks the picture; a ``near_clip`` of None is smaller where a small model is framed.
+        options: ``downscale`` shrinks the picture; without data a ``near_clip`` of None is smaller where a model is
+            small (``drawn_without_data``).
         drawing: what the file of the model says, for what the options do not say.
 
     Raises ``DataError``.
     """
     found, has_alpha, name = _camera(splats, data, camera, options.shrink, drawing.up)
-    drawn = drawn_as(options.drawing, drawing)
-    if not (camera or data):
-        drawn = replace(drawn, near_clip=near_clip_for(splats, drawn.near_clip, options.near_clip))
+    said = options.drawing, drawing
+    drawn = drawn_as(*said) if data else drawn_without_data(splats, *said, chosen=camera is not None)
     return Viewpoint(found, background_color(options.background, has_alpha), drawn, name)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from ..report.run_folder import CONFIG, HISTORY, METRICS, MISFITS, RECIPE, REFINED, RENDER_MS, REPORT, Run, read_run
 from ..scene.appearance import APPEARANCE
 from ..support.errors import DataError
-from ..support.files import replacing
+from ..support.files import json_text, replacing
 from ..support.locks import locked
 from ..training.config import FREE_TO_RESUME
 from ..training.train import Trainer
@@ -60,7 +60,7 @@ def resume_run(trainer: Trainer, out: Path) -> None:
         restore_from(trainer, path)
         kept = _rows_until(trainer, before)
     with replacing(out / HISTORY) as part:
-        part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
+        part.write_text("".join(json_text(row) + "\n" for row in kept), encoding="utf-8")
 
 
 def _rows_until(trainer: Trainer, run: Run) -> list[dict[str, Any]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import errno
-import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -18,7 +17,7 @@ from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import CONFIG, HISTORY, METRICS, POSED, RECIPE
 from ..support.errors import DataError, making, undisguised
-from ..support.files import PART, is_empty, remove_parts, write_json
+from ..support.files import PART, is_empty, json_text, remove_parts, write_json
 from ..support.locks import locked
 from ..support.variants import require_arrays
 from ..training.config import TrainConfig
@@ -189,7 +188,7 @@ def _train(
 
         try:
             for row in run_to_end(trainer, due, save, until):
-                history.write(json.dumps(row) + "\n")
+                history.write(json_text(row) + "\n")
                 history.flush()
                 progress(row)
             leave()  # asked for while the last checkpoint was written

@@ -19,7 +19,7 @@ from typing import Any
 from ..support.errors import DataError
 from ..support.files import read_json, replacing
 from ..support.json_values import number_in
-from .cameras import Camera, nearest_rigid
+from .cameras import Camera, nearest_rigid, require_pixels
 
 MOST_PIXELS = 16_384  # of a side, as of a film
 LARGEST = 1e30  # of positions and lengths: kernels compute in float32
@@ -30,11 +30,21 @@ def read_camera(path: str | Path) -> Camera:
     """The camera in a file. Raises ``DataError`` for what is missing, not a number, or no rigid pose."""
     path = Path(path)
     try:
-        return camera_from_json(read_json(path, FORMAT))
+        return camera_in_file(read_json(path, FORMAT))
     except (ValueError, TypeError, OverflowError) as error:
         if isinstance(error, DataError):
             raise
         raise DataError(path, str(error), FORMAT) from error
+
+
+def camera_in_file(content: Any) -> Camera:
+    """The camera that an object of a file describes, which somebody may have written in other units.
+
+    Raises what ``camera_from_json`` does.
+    """
+    camera = camera_from_json(content)
+    require_pixels(camera.cx, camera.cy, camera.width, camera.height)
+    return camera
 
 
 def camera_from_json(content: Any, mirror: bool = False) -> Camera:

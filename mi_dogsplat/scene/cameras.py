@@ -24,7 +24,18 @@ from numpy.typing import ArrayLike
 RIGID_TOLERANCE = 1e-3  # largest |R R^T - I| that is still rounding, not a scale or a shear
 SAME_PLACE = 1e-9  # by which positions, which follow from poses, may differ: world units, or a share of the largest
 
+SHARES = 0.2, 0.8  # of the sides of an image, between which a principal point is
+SMALL = 8  # pixels of a side, below which such numbers may be pixels
+
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def require_pixels(cx: float, cy: float, width: int, height: int) -> None:
+    """Raise ``ValueError`` for the principal point of a file that is in shares of the image's sides, as some programs
+    have it: taken for pixels it is in the first one, in a corner."""
+    low, high = SHARES
+    if low <= min(cx, cy) <= max(cx, cy) <= high and min(width, height) >= SMALL:
+        raise ValueError(f"cx {cx:g} and cy {cy:g} of an image of {width}x{height} are shares of its sides, not pixels")
 
 
 @dataclass(frozen=True, eq=False)

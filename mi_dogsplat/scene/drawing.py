@@ -91,10 +91,16 @@ USUAL: dict[str, Any] = asdict(DrawnAs()) | {"scale": 1.0, "up": UP}
 """What readers take where a file is silent, by the names of the fields of ``Drawing``."""
 
 
+def told(value: Any) -> Any:
+    """A value as lines tell it: of a length that was scaled in float32 six digits."""
+    return f"{value:.6g}" if isinstance(value, float) else value
+
+
 def differences(a: Drawing, b: Drawing) -> list[str]:
-    """What two models disagree in, as ``scale 1.0 and 0.31``; what is not said counts as what is usual."""
+    """What two models disagree in, as ``scale 1 and 0.31``; what is not said counts as what is usual."""
     of_a, of_b = USUAL | a.said(), USUAL | b.said()
-    return [f"{name} {of_a[name]} and {of_b[name]}" for name in USUAL if not _same(name, of_a[name], of_b[name])]
+    pairs = {name: (of_a[name], of_b[name]) for name in USUAL if not _same(name, of_a[name], of_b[name])}
+    return [f"{name} {told(of_a)} and {told(of_b)}" for name, (of_a, of_b) in pairs.items()]
 
 
 def _same(name: str, a: Any, b: Any) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import shutil
 import uuid
 from collections.abc import Iterator
@@ -18,6 +19,8 @@ from .errors import DataError, writing
 PART = ".part"  # how a file is called while it is written: .<name>.<random><PART>
 LOCK = ".lock"  # in a folder that a process writes to (locks.py)
 LITTER = (".DS_Store", "Thumbs.db", "desktop.ini")  # that file managers leave in folders which somebody looked at
+WORDS = {"Infinity": "1e999", "NaN": "null"}  # of json.dumps, which are no JSON, and what is written in their place
+_STRING_OR_WORD = re.compile(r'"(?:[^"\\]|\\.)*"|' + "|".join(WORDS))
 
 
 @contextmanager
@@ -129,10 +132,17 @@ def read_object(path: Path, remedy: str) -> dict[str, Any]:
     return content
 
 
+def json_text(value: Any, indent: int | None = None) -> str:
+    """``json.dumps``, as all programs read it: JSON has no word for infinity, so that it is a number too large for a
+    float, which Python and browsers read as infinity; and none for NaN, which becomes null."""
+    text = json.dumps(value, indent=indent)
+    return _STRING_OR_WORD.sub(lambda found: WORDS.get(found[0], found[0]), text)
+
+
 def write_json(path: str | Path, value: Any) -> None:
     """Write a value as JSON, indented. Raises ``OSError``."""
     with replacing(path) as part:
-        part.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
+        part.write_text(json_text(value, indent=2) + "\n", encoding="utf-8")
 
 
 def write_bytes(path: Path, *parts: bytes) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..datasets.dataset import Dataset
 from ..datasets.world import read_world
-from ..render.framing import automatic_camera, near_clip_for, robust_sphere, vertical
+from ..render.framing import automatic_camera, drawn_without_data, robust_sphere, vertical
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..scene.cameras import Camera
@@ -96,10 +96,8 @@ class Server:
 
     def _drawn(self, splats: Splats, beside_views: bool) -> DrawnAs:
         """How a model of the source is drawn, which its file may say."""
-        drawn = drawn_as(self.options.drawing, self.source.drawing)
-        if beside_views:
-            return drawn
-        return replace(drawn, near_clip=near_clip_for(splats, drawn.near_clip, self.options.near_clip))
+        said = self.options.drawing, self.source.drawing
+        return drawn_as(*said) if beside_views else drawn_without_data(splats, *said)
 
     def _start_at(self, camera: Camera, splats: Splats) -> None:
         """Let visitors begin at a camera and turn about the middle of the model."""

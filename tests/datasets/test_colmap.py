@@ -163,6 +163,7 @@ def test_a_binary_model_cut_at_any_length_or_grown_is_one_line_that_names_the_fi
         ("cameras.txt", "21 15 20", "21 15 x", "line 2"),
         ("cameras.txt", "21 15 20 20", "21 15 20", "parameters"),
         ("cameras.txt", "7 PINHOLE", "8 PINHOLE", "camera 7"),
+        ("cameras.txt", "10.5 7.5", "0.5 0.5", "camera 7: cx 0.5 and cy 0.5 of an image of 21x15 are shares of its"),
         ("images.txt", "10 1.0 0 0 0", "10 1.0 0 0", "line 2"),
         ("images.txt", "10 1.0 0 0 0", "10 2.0 0 0 0", "no valid pose"),
         ("images.txt", "10 1.0 0 0 0", "10 nan 0 0 0", "no valid pose"),

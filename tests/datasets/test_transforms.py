@@ -225,6 +225,7 @@ def test_points_of_a_colmap_model_go_where_a_converter_has_moved_its_cameras(tmp
         ({"fl_x": "wide"}, '"fl_x" is "wide", no number; correct it, or leave it out'),
         ({"fl_x": 0, "fl_y": 50}, "focal lengths must be positive, got fx=0.0, fy=50.0"),
         ({"cx": None}, '"cx" is null, no number; correct it, or leave it out'),
+        ({"cx": 0.5, "cy": 0.5}, "21x15 are shares of its sides, not pixels; correct it, or leave it out"),
         ({"k1": None}, '"k1" is null, no number; correct it, or leave it out'),
         ({"distortion_params": [0.1, 0]}, '"distortion_params" is [0.1, 0], no list of k1, k2, k3, k4, p1, p2'),
         ({"camera_model": None}, '"camera_model" is null, no name of a lens; correct it, or leave it out'),

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.datasets.camera_paths import look_at
+from mi_dogsplat.film import data_path
 from mi_dogsplat.film.camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
-from mi_dogsplat.film.data_path import cameras_path, walk
+from mi_dogsplat.film.data_path import cameras_path, steps_along, steps_between_poses, walk
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.key_frames import key_frames_path
 from mi_dogsplat.film.orbit import around_cameras, around_model, orbit, stand_all_around
@@ -214,14 +215,26 @@ def test_a_change_of_the_lens_at_one_place_takes_time_and_does_not_swing_beyond(
         assert steps.max() < 0.1  # no leap
 
 
-def test_scattered_cameras_are_visited_along_a_short_tour():
+def test_scattered_cameras_are_visited_along_a_short_tour(monkeypatch):
     rng = np.random.default_rng(0)
     line = np.arange(30.0)
     apart = abs(line[:, None] - line)
-    assert walk(apart).tolist() == list(range(30))  # in order already
+    with monkeypatch.context() as context:  # in order already: of thousands of cameras a tour takes long to find
+        context.setattr(data_path, "_from_neighbour_to_neighbour", lambda steps: pytest.fail("looks for a tour"))
+        assert walk(apart).tolist() == list(range(30))
     mixed = np.concatenate([[0], 1 + rng.permutation(29)])
     order = walk(apart[np.ix_(mixed, mixed)])
     assert sorted(order) == list(range(30)) and mixed[order].tolist() == list(range(30))
+
+
+def test_steps_between_poses_are_shares_of_the_largest_distance_and_angles():
+    rng = np.random.default_rng(1)
+    positions, turns = rng.normal(size=(7, 3)), Rotation.from_quat(rng.normal(size=(7, 4)))
+    distances = np.linalg.norm(positions[:, None] - positions, axis=2)
+    angles = np.array([[(a.inv() * b).magnitude() for b in turns] for a in turns])
+    steps = steps_between_poses(positions, turns.as_matrix())
+    np.testing.assert_allclose(steps, distances / distances.max() + angles, atol=1e-6)
+    np.testing.assert_allclose(steps_along(positions, turns.as_matrix()), np.diag(steps, 1), atol=1e-6)
 
 
 def test_cameras_at_one_place_make_a_film_that_stands_still():

@@ -153,16 +153,45 @@ def test_openexr_has_the_channels_of_the_film(scene, tmp_path):
     assert {"RGB", "depth.Z"} <= set(read_exr(tmp_path / "f" / "0.exr"))
 
 
-def test_motion_blur_is_the_mean_of_linear_light(scene, tmp_path):
-    """Of the pictures at its moments, which a film with as many more frames in a second has."""
+def test_the_moments_of_light_are_means_as_light_is(scene, tmp_path):
+    """An integrator ``moment`` has X, Y and Z of light, which are named as those of a normal."""
+    path = scene(integrator='<integrator type="moment"><integrator type="path" name="p"/></integrator>', shapes=CUBE)
+    config = replace(FEW, seconds=0.1, shutter=1.0, samples=2)
+    make_scene_film(path, tmp_path / "f" / "%d.exr", config=config)
+    seen = read_exr(tmp_path / "f" / "0.exr")
+    np.testing.assert_allclose(seen["p.Y"], seen["RGB"] @ np.array([0.2126, 0.7152, 0.0722]), atol=1e-3)
+
+
+def test_an_integrator_aov_keeps_the_colours_that_it_has_from_another(scene, tmp_path):
+    """Which what ``mi.render`` returns lacks."""
+    inner = '<string name="aovs" value="dd:depth"/><integrator type="path" name="inside"/>'
+    path = scene(integrator=f'<integrator type="aov">{inner}</integrator>', shapes=CUBE)
+    make_scene_film(path, tmp_path / "f" / "%d.exr", config=replace(FEW, seconds=0.1, shutter=0.5, samples=2))
+    seen = read_exr(tmp_path / "f" / "0.exr")
+    np.testing.assert_allclose(seen["inside"][..., :3], seen["RGB"], atol=1e-6)
+    assert seen["dd.T"].max() > 3
+
+
+def test_motion_blur_is_the_mean_of_linear_light_and_coverage(scene, tmp_path):
+    """Of the pictures at its moments, which a film with as many more frames in a second has. Depths and numbers of
+    primitives have no mean: they are those of one moment."""
+    aovs = '<string name="aovs" value="alpha, depth, index"/>'
+    path = scene(integrator=f'<integrator type="dogsplat">{aovs}</integrator>')
     blurred = FilmConfig(seconds=1, fps=3, shutter=1.0, samples=2)
-    make_scene_film(scene(), tmp_path / "blur" / "%d.exr", config=blurred)
-    make_scene_film(scene(), tmp_path / "fine" / "%d.exr", config=FilmConfig(seconds=1, fps=12))
-    make_scene_film(scene(), tmp_path / "shown", config=blurred)
+    make_scene_film(path, tmp_path / "blur" / "%d.exr", config=blurred)
+    make_scene_film(path, tmp_path / "fine" / "%d.exr", config=FilmConfig(seconds=1, fps=12))
+    make_scene_film(path, tmp_path / "shown", config=blurred)
     for number in range(3):  # moments at -1/4 and 1/4 of a frame: frames 4 n - 1 and 4 n + 1 of the fine film
         parts = [colors(tmp_path / "fine" / f"{(4 * number + k) % 12}.exr") for k in (-1, 1)]
         mean = np.mean(parts, axis=0)
         np.testing.assert_allclose(colors(tmp_path / "blur" / f"{number}.exr"), mean, atol=2e-3)
+        blur, first, last = (
+            read_exr(tmp_path / folder / f"{k}.exr")
+            for folder, k in (("blur", number), ("fine", (4 * number - 1) % 12), ("fine", 4 * number + 1))
+        )
+        np.testing.assert_allclose(blur["alpha"], (first["alpha"] + last["alpha"]) / 2, atol=2e-3)
+        for name in ("depth.Z", "index.I"):
+            np.testing.assert_array_equal(blur[name], last[name])
         picture = read_png(tmp_path / "shown" / f"{number:04d}.png") / 255
         assert abs(picture - linear_to_srgb(mean)).max() <= 0.51 / 255 + 4e-3
 

@@ -13,10 +13,12 @@ from command_line import assert_one_line, run
 from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.film.camera_path import CameraPath
 from mi_dogsplat.film.film_config import FilmConfig
+from mi_dogsplat.film.make import make_film
 from mi_dogsplat.film.usd_path import is_usd_path, usd_path
 from mi_dogsplat.formats.upright import upright
 from mi_dogsplat.support.errors import DataError
 from pxr import Gf, Usd, UsdGeom, UsdRender
+from rendered_files import read_png
 
 MODEL = foreign_model.model()
 SIZE = (1280, 720)
@@ -227,6 +229,24 @@ def test_pixels_that_are_not_square_make_a_picture_of_the_shown_proportions(stag
     assert path.at(1.0).camera(480, 270).fx == pytest.approx(50 * 15)
 
 
+def test_a_product_of_the_settings_comes_before_them_in_pictures_of_its_camera(stage):
+    UsdGeom.Camera.Define(stage, "/Other")
+    settings = rendered(stage, (640, 360))
+    products = [UsdRender.Product.Define(stage, f"/Render/{name}") for name in ("Close", "Wide")]
+    settings.CreateProductsRel().SetTargets(["/Render/Missing", *(product.GetPath() for product in products)])
+    close, wide = products
+    close.CreateCameraRel().SetTargets(["/Other"])
+    close.CreateResolutionAttr(Gf.Vec2i(100, 50))
+    wide.CreatePixelAspectRatioAttr(2.0)
+    assert saved(stage).size == (100, 50)  # of the camera of the first one
+    assert saved(stage, name=":/Rig/Camera").size == (1280, 360)  # resolution of the settings, pixels of its own
+    settings.CreateCameraRel().SetTargets(["/Other"])
+    assert saved(stage, name=":/Rig/Camera").size == (640, 360)  # which no product shows
+    wide.CreateCameraRel().SetTargets(["/Rig/Camera"])
+    wide.CreateAspectRatioConformPolicyAttr("adjustPixelAspectRatio")
+    assert saved(stage, name=":/Rig/Camera").size == (640, 360)
+
+
 @pytest.mark.parametrize("aspect", [0.0, -1.0, float("nan"), float("inf")])
 def test_pixels_of_no_width_are_square(stage, aspect):
     rendered(stage, (400, 270)).CreatePixelAspectRatioAttr(aspect)
@@ -312,6 +332,31 @@ def test_what_breaks_while_a_film_is_made_is_one_line(stage, capfd):
     with pytest.raises(DataError, match="shot.usda: cannot be read as OpenUSD"):
         path.at(0.5)
     assert capfd.readouterr() == ("", "")
+
+
+def test_the_library_is_silent_about_settings_that_are_nowhere(stage, capfd):
+    stage.SetMetadata("renderSettingsPrimPath", "no path")
+    assert saved(stage).at(0.5).focal > 0
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_stage_that_is_written_anew_while_a_film_is_made_is_followed_as_it_was(stage, tmp_path):
+    """The library maps binary files into memory, and some programs write theirs in place."""
+    write_model(tmp_path / "model.ply", tiny_data.truth())
+    stage.Save()
+    shot = tmp_path / "shot.usdc"
+    stage.Export(str(shot))
+
+    def overwrite(done: int, n: int, what: str) -> None:
+        with shot.open("r+b") as file:
+            file.write(bytes(shot.stat().st_size))
+
+    for kind, progress in (("usda", lambda done, n, what: None), ("usdc", overwrite)):
+        config = FilmConfig(path=str(tmp_path / f"shot.{kind}"), fps=2, size=(48, 27))
+        make_film(tmp_path / "model.ply", tmp_path / kind, config=config, progress=progress)
+    for number in range(3):
+        calm, disturbed = (read_png(tmp_path / kind / f"{number:04d}.png") for kind in ("usda", "usdc"))
+        np.testing.assert_array_equal(disturbed, calm)
 
 
 def test_a_camera_whose_layer_is_missing_says_so(tmp_path, capfd):

@@ -185,7 +185,8 @@ def test_linear_and_display_referred_primitives_are_not_one_model(tmp_path, cont
 @pytest.mark.parametrize(("change", "words"), [
     (lambda c: c["accessors"][0].update(count=13), "does not fit"),
     (lambda c: c["accessors"][0].update(count=-1), "whole number"),
-    (lambda c: c["accessors"][0].update(sparse={}), "sparse"),
+    (lambda c: c["accessors"][0].update(sparse={}), "accessor 0 is sparse, which is not read; export it without"),
+    (lambda c: c.update(scenes=[{}]), "holds no primitive with KHR_gaussian_splatting"),
     (lambda c: c["bufferViews"][0].update(byteLength=10**6), "ends at"),
     (lambda c: (c["buffers"].append({"byteLength": 10**6}), c["bufferViews"][0].update(buffer=1)),
      "buffer 1 has no bytes that are not compressed"),  # as EXT_meshopt_compression has it

@@ -14,12 +14,12 @@ DIFFERENT = [
     (Drawing(), Drawing(antialiased=True), "antialiased False and True"),
     (Drawing(linear=True), Drawing(), "linear True and False"),
     (Drawing(near_clip=0.01), Drawing(), "near_clip 0.01 and 0.2"),
-    (Drawing(white=2.0, linear=True), Drawing(linear=True), "white 2.0 and 1.0"),
-    (Drawing(scale=0.31), Drawing(scale=0.3), "scale 0.31 and 0.3"),
-    (Drawing(), Drawing(scale=0.31), "scale 1.0 and 0.31"),
+    (Drawing(white=2.0, linear=True), Drawing(linear=True), "white 2 and 1"),
+    (Drawing(scale=0.30999999493360519), Drawing(scale=0.3), "scale 0.31 and 0.3"),
+    (Drawing(), Drawing(scale=0.31), "scale 1 and 0.31"),
     (Drawing(up="z"), Drawing(up="y"), "up z and y"),
     (Drawing(up="0,0.6,0.8"), Drawing(), "up 0,0.6,0.8 and -y"),
-    (Drawing(antialiased=True, up="z"), Drawing(scale=2.0), "antialiased True and False, scale 1.0 and 2.0, up z and"),
+    (Drawing(antialiased=True, up="z"), Drawing(scale=2.0), "antialiased True and False, scale 1 and 2, up z and"),
 ]
 
 

@@ -101,8 +101,8 @@ def test_what_is_up_and_a_unit_travel_in_every_format_that_has_room(tmp_path, su
 def test_a_format_without_room_says_so_but_not_of_what_is_usual(tmp_path, suffix):
     model = foreign_model.model()
     plain = model.select(np.arange(3))
-    lost = write_model(tmp_path / f"a{suffix}", Model(plain, Drawing(up="z", scale=0.25)))
-    assert "cannot say how it is drawn: up z, scale 0.25" in lost[0]
+    lost = write_model(tmp_path / f"a{suffix}", Model(plain, Drawing(up="z", scale=0.30999999493360519)))
+    assert "cannot say how it is drawn: up z, scale 0.31;" in lost[0]
     assert not any("up" in line for line in write_model(tmp_path / f"b{suffix}", Model(plain, Drawing(up="-y"))))
 
 

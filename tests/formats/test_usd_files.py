@@ -77,6 +77,18 @@ def test_text_that_is_none_is_one_line(tmp_path, file, place):
         read_model(file)
 
 
+def test_a_path_that_the_library_cannot_be_told_is_one_line(tmp_path, file):
+    folder = tmp_path / os.fsdecode(b"\xff")
+    folder.mkdir()
+    line = "its path is not UTF-8, and OpenUSD knows no other; rename it"
+    with pytest.raises(DataError, match=line):
+        read_model(file.rename(folder / file.name))
+    for suffix in (".usdc", ".usdz"):
+        with pytest.raises(DataError, match=line):
+            write_model(folder / f"b{suffix}", Model(MODEL))
+    assert os.listdir(folder) == [file.name]
+
+
 def crate_of(path) -> tuple[bytearray, dict[str, int]]:
     """The bytes of a binary file, and where its sections begin."""
     data = bytearray(path.read_bytes())

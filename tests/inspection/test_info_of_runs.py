@@ -68,7 +68,7 @@ def test_the_settings_of_a_run_that_were_given_are_shown(tmp_path):
     usual = dataclasses.asdict(TrainConfig("photos/fox"))
     given = {"target": "2MB", "format": "spz", "batch_views": 4, "appearance": True, "memory": "8G", "up": "z"}
     all_given = ", target 2MB, format spz, batch_views 4, appearance"
-    clips = (({"near_clip": 0.2}, ""), ({"near_clip": 0.05}, ", near_clip 0.05"))  # as runs of default settings have it
+    clips = (({"near_clip": 0.2}, ""), ({"near_clip": 0.0500000012}, ", near_clip 0.05"))  # the usual one, and another
     for changed, shown in (({}, ""), (given, all_given), ({"target": 20000.0}, ", target 20000"), *clips):
         (run / "config.json").write_text(json.dumps(usual | changed))
         told = value_of(describe(run), "settings").split(", ")

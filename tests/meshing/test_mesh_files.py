@@ -141,6 +141,19 @@ def test_a_texture_is_found_whatever_its_name(tmp_path):
     assert (tmp_path / f"{name}_texture.jpg").is_file()
 
 
+@pytest.mark.parametrize(("suffix", "beside"), [(".obj", ".mtl"), (".obj", "_texture.jpg"), (".usd", "_texture.jpg")])
+def test_a_texture_takes_the_place_of_nothing_but_an_earlier_one(suffix, beside, tmp_path):
+    path, other = tmp_path / f"mesh{suffix}", tmp_path / f"mesh{beside}"
+    for _ in range(2):
+        writer_of(path, texture=True)(path, PAINTED, Drawing())
+    other.write_bytes(b"# by hand\n")
+    with pytest.raises(DataError, match=f"mesh{beside}: is there, is no texture of an earlier mesh, and would be lost"):
+        writer_of(path, texture=True)
+    writer_of(path)(path, Mesh(VERTICES, FACES), Drawing())  # nothing is written beside it
+    writer_of(tmp_path / "mesh.usdz", texture=True)
+    assert other.read_bytes() == b"# by hand\n"
+
+
 @pytest.mark.parametrize("suffix", [".obj", ".usda"])
 def test_without_the_mesh_nothing_of_its_texture_is_left(suffix, tmp_path):
     path = tmp_path / f"mesh{suffix}"

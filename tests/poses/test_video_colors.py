@@ -110,3 +110,20 @@ def test_luma_and_chroma_are_read_as_they_were_written(size, said, matrix):
     frame = frame.reformat(width=size[0], format="yuv420p", dst_colorspace=int(matrix))
     frame.colorspace = said
     np.testing.assert_allclose(seen(frame), PATCHES, atol=4)
+
+
+@pytest.mark.parametrize("full", [False, True], ids=["limited", "full"])
+@pytest.mark.parametrize("aspect", [1.0, 1.5])
+def test_frames_are_as_bright_as_they_were_written(full, aspect):
+    """On average, of soft colours: rounded down, they would be a level or two darker."""
+    waves = np.cos(np.arange(96)[:, None] / 17 + np.arange(120) / 23)  # [H, W]
+    written = np.rint(128 + 60 * np.stack([waves, -waves, waves[::-1]], -1))
+    red, green, blue = np.moveaxis(written, -1, 0)
+    luma = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    halved = [x.reshape(48, 2, 60, 2).mean((1, 3)) for x in ((blue - luma) / 1.8556, (red - luma) / 1.5748)]
+    base, steps, of_chroma = (0, 1, 1) if full else (16, 219 / 255, 224 / 255)
+    coded = np.concatenate([base + steps * luma.ravel(), *(128 + of_chroma * x.ravel() for x in halved)])
+    frame = av.VideoFrame.from_ndarray(np.rint(coded).astype(np.uint8).reshape(144, 120), format="yuv420p")
+    frame.colorspace, frame.color_range = 1, 2 if full else 1
+    read = upright_rgb(frame, aspect).astype(float)
+    assert abs(read.mean((0, 1)) - written.mean((0, 1))).max() < 0.2

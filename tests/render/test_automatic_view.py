@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat import write_ply
+from mi_dogsplat.film.subject import read_subject
+from mi_dogsplat.formats.model import Model
+from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_sphere
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.render.viewpoint import viewpoint
+from mi_dogsplat.scene.camera_file import write_camera
+from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.splats import Splats
 from rendered_files import read_png, render
 
@@ -27,6 +32,20 @@ def test_the_automatic_view_shows_a_model_of_any_size_wherever_it_is(scale, tmp_
 def test_a_near_clip_that_is_asked_for_holds_in_the_automatic_view():
     chosen = viewpoint(tiny_data.truth(), options=PictureOptions(near_clip=2.0)).drawn.near_clip
     assert chosen == 2.0 > viewpoint(tiny_data.truth()).drawn.near_clip
+
+
+@pytest.mark.parametrize(("by_flag", "by_file"), [(None, None), (None, 0.15), (0.01, 0.15)])
+def test_a_camera_file_draws_a_small_model_as_a_film_through_that_camera_does(tmp_path, by_flag, by_file):
+    """Nearer than is usual only where neither flag nor file says how near."""
+    splats = tiny_data.truth()
+    splats.means *= np.float32(1e-2)
+    splats.log_scales += np.float32(np.log(1e-2))
+    model, camera, options = tmp_path / "m.ply", tmp_path / "c.json", PictureOptions(near_clip=by_flag)
+    write_model(model, Model(splats, Drawing(near_clip=by_file)))
+    write_camera(camera, automatic_camera(splats))
+    rendered = viewpoint(splats, camera=camera, options=options, drawing=Drawing(near_clip=by_file)).drawn
+    assert rendered == read_subject(model, None, options, chosen=True).drawn
+    assert rendered.near_clip == (by_flag or by_file or 0.1 * robust_sphere(splats)[1]) < 0.2
 
 
 def test_far_outliers_do_not_change_what_is_framed():

@@ -39,6 +39,7 @@ def test_a_camera_file_may_leave_out_what_follows_from_the_rest(tmp_path):
         ({"height": 200_000}, "too large: at most 16384"),
         ({"height": 0}, "must have a pixel"),
         ({"cx": float("nan")}, "not finite"),
+        ({"cx": 0.5, "cy": 0.48}, "cx 0.5 and cy 0.48 of an image of 40x30 are shares of its sides, not pixels"),
         ({"w2c": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1e300]]}, r"has 1e\+300: at most 1e\+30"),
         ({"fx": 1e300}, r"has 1e\+300: at most 1e\+30"),
         ({"fx": None}, '"fx" is null, no number'),
@@ -52,6 +53,14 @@ def test_a_wrong_camera_file_is_told_in_one_line_with_the_format(tmp_path, chang
     with pytest.raises(DataError, match=message) as caught:
         read_camera(tmp_path / "c.json")
     assert "4x4 world to camera" in str(caught.value)
+
+
+def test_a_principal_point_may_be_in_a_corner_of_an_image(tmp_path):
+    """As in quarters of a picture, or where the image has few pixels."""
+    for changes in ({"cx": 0.0, "cy": 0.0}, {"cx": 0.5, "cy": 29.5}, {"cx": 0.5, "cy": 0.5, "width": 1, "height": 1}):
+        content = {"w2c": np.eye(4).tolist(), "fx": 50, "width": 40, "height": 30} | changes
+        (tmp_path / "c.json").write_text(json.dumps(content))
+        assert read_camera(tmp_path / "c.json").cx == changes["cx"]
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import math
 import os
 
 import pytest
@@ -27,6 +28,18 @@ def test_what_file_managers_leave_in_a_folder_is_no_content(tmp_path):
     assert is_empty(tmp_path)
     begin(tmp_path / "capture.json", {"n": 1}, "capture")
     assert not is_empty(tmp_path)
+
+
+def test_json_has_no_words_that_are_none(tmp_path):
+    """Infinity, as a bound that nothing reaches, comes back; programs that know JSON alone read the file, too."""
+
+    def refuse(word: str) -> None:
+        pytest.fail(f"{word} is no JSON")
+
+    path, quoted = tmp_path / "a.json", 'Infinity, "NaN"\\'
+    write_json(path, {"most": math.inf, "Infinity": [-math.inf, math.nan, quoted]})
+    content = json.loads(path.read_text(), parse_constant=refuse)
+    assert content == {"most": math.inf, "Infinity": [-math.inf, None, quoted]}
 
 
 def test_json_comes_back_and_what_json_cannot_hold_leaves_the_old_file(tmp_path):

@@ -71,7 +71,7 @@ class PruningRule:
         return self.max_interval > self.check_every
 
     def scaled(self, factor: float) -> PruningRule:
-        """The rule for a run ``factor`` times as long. The longest interval stays a whole number of checks.
+        """The rule for a run ``factor`` times as long. The longest interval reaches as many checks.
 
         Else rounding would delay a forced prune by a check, and a 7,000-step run would have fewer of them.
         """
@@ -79,8 +79,11 @@ class PruningRule:
         every = scaled_milestone(self.check_every, factor)
         if self.check_every == self.stop - self.start:  # else what is due beside the second check may be a step later
             every = max(1, stop - start)
-        checks = min(math.ceil(self.max_interval / self.check_every), max(1, round(self.max_interval * factor / every)))
-        return replace(self, start=start, stop=stop, check_every=every, max_interval=checks * every)
+        checks = math.ceil(self.max_interval / self.check_every)  # the last of which is forced to prune
+        before = checks * self.check_every - self.max_interval  # steps by which the interval ends before that check
+        checks = min(checks, max(1, round(checks * self.check_every * factor / every)))
+        longest = checks * every - min(int(before * factor), every - 1)
+        return replace(self, start=start, stop=stop, check_every=every, max_interval=longest)
 
     def earlier(self, steps: int) -> PruningRule:
         """The rule with a window that many steps earlier."""

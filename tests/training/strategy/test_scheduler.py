@@ -259,7 +259,10 @@ def test_a_run_of_any_length_completes_the_schedule(rule, steps):
 
 
 def test_a_rule_scaled_by_one_is_the_same_and_one_for_7000_steps_has_the_same_checks():
-    assert PAPER.scaled(1) == PAPER and RELEASED.scaled(1) == RELEASED
+    between_checks = PruningRule(max_interval=1700)
+    for rule in (PAPER, RELEASED, between_checks):
+        assert rule.scaled(1) == rule
+    assert between_checks.scaled(2).max_interval == 3400  # the fourth check is forced, as ever
     scaled = PAPER.scaled(7000 / 30_000)
     assert (scaled.start, scaled.stop, scaled.check_every, scaled.max_interval) == (3500, 5833, 117, 468)
 
