@@ -1,5 +1,6 @@
 """Raw photographs and OpenEXR become one light for all images, and what a screen shows of it."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -162,6 +163,18 @@ def test_raw_photographs_become_a_data_set_of_radiance_with_its_lens_and_without
         truth = [seen[int(view.name)][60:180, 80:240].mean() for view in dataset.views]
         ratios = np.array(means) / truth
         np.testing.assert_allclose(ratios / ratios.mean(), 1, atol=0.05)
+
+
+def test_openexr_stays_linear_unasked(tmp_path):
+    """Of a grey wall, which gives no features: what was made until then is there."""
+    (tmp_path / "in").mkdir()
+    for name in ("a.exr", "b.exr"):
+        write_radiance(tmp_path / "in" / name, np.full((64, 96, 3), 0.3))
+    with pytest.raises(DataError, match="no poses found"):
+        find_poses(tmp_path / "in", tmp_path / "out", PosesConfig())
+    assert json.loads((tmp_path / "out" / "poses.json").read_text())["linear"] is True
+    assert sorted(path.name for path in (tmp_path / "out" / "images").iterdir()) == ["a.exr", "b.exr"]
+    assert sorted(path.name for path in (tmp_path / "out" / "work" / "shown").iterdir()) == ["a.jpg", "b.jpg"]
 
 
 def test_linear_is_refused_where_there_is_no_light_to_keep(tmp_path, room):
