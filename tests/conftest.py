@@ -3,6 +3,7 @@
 Before both comes what decides how many threads they start.
 """
 
+import gc
 import os
 import signal
 from collections import Counter
@@ -38,6 +39,13 @@ def pytest_configure() -> None:
 
     dr.set_thread_count(max(1, dr.thread_count() // max(1, WORKERS)))
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    gc.disable()  # while all tests are collected, of which nothing goes
+
+
+def pytest_collection_finish() -> None:
+    """What was collected stays to the end: Python looks through all else alone for what is not needed any more."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
