@@ -160,6 +160,14 @@ def model(tmp_path_factory) -> Iterator[Path]:
 
 
 @pytest.fixture(autouse=True, scope="session")
+def _without_waiting_for_the_disk():
+    """Nothing that a test writes has to outlast a power cut, and for each file that has to a disk takes some 5 ms."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda descriptor: None)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
 def _without_the_users_cache(tmp_path_factory):
     """What is measured does not depend on whether this machine has the weights of LPIPS."""
     with pytest.MonkeyPatch.context() as patch:
