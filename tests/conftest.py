@@ -39,13 +39,17 @@ def pytest_configure() -> None:
 
     dr.set_thread_count(max(1, dr.thread_count() // max(1, WORKERS)))
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    gc.disable()  # while all tests are collected, of which nothing goes
 
 
-def pytest_collection_finish() -> None:
-    """What was collected stays to the end: Python looks through all else alone for what is not needed any more."""
-    gc.freeze()
-    gc.enable()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """What is collected stays to the end: Python looks through all else alone for what is not needed any more."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
