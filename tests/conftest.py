@@ -3,6 +3,7 @@
 Before both comes what decides how many threads they start.
 """
 
+import gc
 import os
 import signal
 from collections import Counter
@@ -38,6 +39,17 @@ def pytest_configure() -> None:
 
     dr.set_thread_count(max(1, dr.thread_count() // max(1, WORKERS)))
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """What is collected stays to the end: Python looks through all else alone for what is not needed any more."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -149,6 +161,14 @@ def model(tmp_path_factory) -> Iterator[Path]:
 
     for folder in unchanged_folder(tmp_path_factory.getbasetemp(), "tiny_model", write_tiny_model):
         yield folder / "model.ply"
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _without_waiting_for_the_disk():
+    """Nothing that a test writes has to outlast a power cut, and for each file that has to a disk takes some 5 ms."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda descriptor: None)
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

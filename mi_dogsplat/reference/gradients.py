@@ -81,10 +81,11 @@ def gradients_tiled(splats: Splats, camera: Camera, adjoint: np.ndarray,
         weights = blend.alpha * blend.T
         δ.colors[block.splats] += np.tensordot(weights, δpixels, ((1, 2), (0, 1)))
         if blend.varying.size:
-            varying, of_varying = block.splats[blend.varying], weights[blend.varying]
-            δ.color_slopes[varying] += np.einsum("nhw,hwc,nhwd->ncd", of_varying, δpixels, blend.offsets, optimize=True)
-            δ.curvatures[varying] += np.einsum("nhw,hw,nhwd,nhwe->nde", of_varying, δpixels.sum(-1) / 2, blend.offsets,
-                                               blend.offsets, optimize=True)
+            varying, offsets = block.splats[blend.varying], blend.offsets.reshape(len(blend.varying), -1, 2)
+            weighted = weights[blend.varying].reshape(len(varying), -1, 1) * offsets  # [m, h w, 2]
+            δcolors = δpixels.reshape(-1, 3)
+            δ.color_slopes[varying] += δcolors.T @ weighted
+            δ.curvatures[varying] += offsets.swapaxes(1, 2) @ (weighted * δcolors.sum(-1, keepdims=True)) / 2
         δalpha = blend.backward(blend.colors_times(δpixels), δpixels @ background)
         δlog_G = np.where(blend.G < MAX_ALPHA, δalpha * blend.G, 0)
         δ.moments[block.splats] += _moments(δlog_G, block.dx, block.dy)

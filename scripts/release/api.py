@@ -1,6 +1,8 @@
 """Writes the reference of the Python interface, from docstrings, with pdoc.
 
-    python -m scripts.release.api FOLDER
+    python -m scripts.release.api FOLDER [--without-source]
+
+Half of the time goes into the source, which is coloured.
 """
 
 from __future__ import annotations
@@ -27,14 +29,15 @@ MODULES = [
 ]  # fmt: skip
 
 
-def write(folder: Path) -> None:
-    """Pages of HTML in ``folder``, which is made."""
+def write(folder: Path, source: bool) -> None:
+    """Pages of HTML in ``folder``, which is made; ``source``: with that of functions and classes."""
     mi.set_variant("llvm_ad_rgb")  # the plugin classes derive from those of a variant
     # pdoc (16) looks up types in the wrong place for fields of a NamedTuple; it then shows them as they are written
     warnings.filterwarnings("ignore", "Error parsing type annotation", UserWarning)
-    pdoc.render.configure(docformat="google", footer_text="mi_dogsplat " + mi_dogsplat.__version__)
+    footer = "mi_dogsplat " + mi_dogsplat.__version__
+    pdoc.render.configure(docformat="google", footer_text=footer, show_source=source)
     pdoc.pdoc(*MODULES, output_directory=folder)
 
 
 if __name__ == "__main__":
-    write(Path(sys.argv[1]))
+    write(Path(sys.argv[1]), source="--without-source" not in sys.argv)

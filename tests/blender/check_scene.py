@@ -138,7 +138,7 @@ def test_materials_look_as_in_cycles(scene, tmp_path):
     background(scene)
     body(plane(30), material("ShaderNodeBsdfDiffuse", Color=GREY))
     light(scene, "AREA", (2, -3, 5), (0.6, 0.3, 0), energy=300, size=5)
-    scene.render.resolution_y = 8  # what is above and below the balls is not looked at
+    scene.render.resolution_y = 4  # what is above and below the middle of the balls is not looked at
     columns = np.linspace(-2.4, 2.4, len(MATERIALS))
     for x, (kind, values, _) in zip(columns, MATERIALS.values(), strict=True):
         body(sphere(0.5, location=(x, 0, 0.55)), material(kind, **values))
@@ -146,7 +146,7 @@ def test_materials_look_as_in_cycles(scene, tmp_path):
     cycles, mitsuba = both(scene, tmp_path, fine=16)
     centres = (WIDTH * (0.5 + columns / 9 * scene.camera.data.lens / 36)).astype(int)
     for x, (name, (_, _, tolerance)) in zip(centres, MATERIALS.items(), strict=True):
-        for top in (2, 4):
+        for top in (0, 2):
             half = np.s_[top : top + 2, x - 2 : x + 2]
             seen, expected = (values[half].mean((0, 1)) for values in (mitsuba, cycles))
             assert np.abs(seen - expected).max() < tolerance * expected.max(), (name, seen, expected)

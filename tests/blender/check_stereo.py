@@ -5,7 +5,7 @@ import json
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import EEVEE, psnr
+from blender_pictures import EEVEE, choose_engine, psnr
 from mathutils import Matrix
 from model_files import load
 from references import REFERENCES, place_camera
@@ -18,9 +18,8 @@ from blender_addon.package.served import Cancelled
 
 def eyes(scene, engine, folder) -> list[np.ndarray]:
     """Pictures [H, W, 3] of the left and the right eye, of 16 bits."""
-    scene.render.engine, settings = engine, scene.render.image_settings
-    if engine == EEVEE:
-        scene.eevee.use_shadows = False
+    choose_engine(scene, engine)
+    settings = scene.render.image_settings
     settings.file_format, settings.color_depth, settings.color_mode = "PNG", "16", "RGB"
     settings.views_format, scene.render.dither_intensity = "INDIVIDUAL", 0.0
     scene.render.filepath = str(folder / f"{engine}.png")

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import EEVEE
+from blender_pictures import EEVEE, choose_engine
 from package_command import by_package
 from training_scene import CENTER, RADIUS, folder_of, made_unlike, state
 
@@ -20,7 +20,7 @@ from blender_addon.viewport import rendered
 @pytest.mark.parametrize("engine", ["CYCLES", EEVEE, ENGINE])
 def test_all_settings_are_given_back_and_only_the_subject_is_seen(subject, scene, engine, by_command):
     """A subject, too, that a model has taken the place of."""
-    scene.render.engine = engine
+    choose_engine(scene, engine)
     scene.dogsplat_training.views = 1
     make_rig(bpy.context)
     subject.hide_render = True

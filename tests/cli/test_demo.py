@@ -1,26 +1,29 @@
 """``make demo`` from end to end, at a fraction of its cost."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mi_dogsplat.datasets.capture_config import CaptureConfig
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.demo import side_by_side, tour
 from mi_dogsplat.demo.__main__ import main
-from mi_dogsplat.demo.side_by_side import PICTURE_SIZE
 from mi_dogsplat.support.errors import DataError
 
 
 @pytest.mark.slow
 def test_the_demo_ends_with_a_compact_model_beside_the_truth(tmp_path: Path, capsys, monkeypatch):
-    monkeypatch.setattr(side_by_side, "PICTURE_SPP", 16)
+    spp, (width, height) = 16, (320, 240)
+    monkeypatch.setattr(tour, "CaptureConfig", lambda **settings: replace(CaptureConfig(**settings), spp=spp))
+    monkeypatch.setattr(side_by_side, "PICTURE_SIZE", (width, height))
+    monkeypatch.setattr(side_by_side, "PICTURE_SPP", spp)
     arguments = ["-o", str(tmp_path), "--steps", "150", "--target", "1500", "--views", "12", "--size", "96"]
     assert main(arguments) == 0
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics["n"] <= 1500 and metrics["n_dog"] > 0 and metrics["test"]["psnr"] > 20
     picture = read_image(tmp_path / "demo.png")
-    width, height = PICTURE_SIZE
     assert picture.shape[0] > height and picture.shape[1:] == (2 * width, 3)
     labels, picture = picture[height:], picture[:height]
     assert labels[:, :width].min() < 0.2 and labels[:, width:].min() < 0.2  # both halves say what they are

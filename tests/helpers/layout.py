@@ -56,12 +56,17 @@ class Layout:
         """The rooms of these modules."""
         return {name.split(".")[0] for name in self.imported(path)}
 
-    def require_order(self, path: Path) -> None:
-        """Complain of a module that has no room, or imports from a higher one."""
-        own = self.room(path)
-        assert own in self.level, f"{own} has no place in the order of {self.root.name}"
+    def require_order(self, *paths: Path) -> None:
+        """Complain of all modules, or of these, that have no room or import from a higher one."""
+        wrong = list(filter(None, map(self._complaint, paths or self.modules)))
+        assert not wrong, "\n".join(wrong)
+
+    def _complaint(self, path: Path) -> str | None:
+        own, file = self.room(path), path.relative_to(self.root)
+        if own not in self.level:
+            return f"{file}: {own} has no place in the order of {self.root.name}"
         higher = {name for name in self.imported_rooms(path) if self.level.get(name, -1) > self.level[own]}
-        assert not higher, f"{own} imports {', '.join(sorted(higher))}"
+        return f"{file}: {own} imports {', '.join(sorted(higher))}" if higher else None
 
     def require_rooms(self) -> None:
         """Complain of rooms in the order that the package has not got."""

@@ -36,7 +36,7 @@ points, colors = rng.uniform(-1, 1, (N, 3)).astype(np.float32), rng.random((N, 3
 dataset = Dataset(Path("random"), views, [], points, colors, False)
 trainer = Trainer(TrainConfig("random", "3dgs", memory=MEMORY), dataset)
 trainer.step_count = 4000  # from here on with all SH degrees
-for _ in range(4):
+for _ in range(2):
     trainer.step()
 budget = trainer.memory
 assert budget

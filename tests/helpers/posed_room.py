@@ -21,7 +21,7 @@ def write_room(folder: Path) -> None:
     (folder / "pictures").mkdir(parents=True)
     for name, camera in photographed().items():
         Image.fromarray(picture(scene, [camera], 9)).save(folder / "pictures" / f"{name}.png")
-    write_video(folder / "walk.mp4", (p for _, p in film(scene, PATH, SHUTTER, 4, lambda t: 1 - 0.4 * t)))
+    write_video(folder / "walk.mp4", (p for _, p in film(scene, PATH, SHUTTER, 1, lambda t: 1 - 0.4 * t)))
 
 
 def folder_of(folder: Path, pictures: list[np.ndarray]) -> Path:

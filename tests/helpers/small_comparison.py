@@ -1,6 +1,6 @@
 """Methods and settings of a comparison that takes seconds."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -22,14 +22,17 @@ SETTINGS: dict[str, Any] = {
 
 
 @contextmanager
-def without_processes(told: bool = False) -> Iterator[None]:
+def without_processes(told: bool = False, but: Collection[str] = ()) -> Iterator[None]:
     """Tasks are performed here, one after another, and what goes wrong is raised; ``told``: bad input is an outcome, as
-    it is of processes.
+    it is of processes. ``but``: methods whose runs have a process all the same.
 
-    For tests that ask nothing of processes: each takes seconds to begin.
+    For tests that ask nothing of other processes: each takes seconds to begin.
     """
+    in_a_process = execute.in_a_process
 
     def here(task: Task, means: Means) -> str | None:
+        if task.kind == "train" and set(task.methods) & set(but):
+            return in_a_process(task, means)
         try:
             perform(task, means.free)
         except DataError as error:

@@ -72,7 +72,7 @@ def photographed(tmp_path_factory) -> Path:
     folder, scene = tmp_path_factory.mktemp("panoramas") / "panoramas", textured_room()
     (folder / "masks").mkdir(parents=True)
     for k, c2w in enumerate(places(N)):
-        Image.fromarray(panorama(scene, c2w, WIDTH, 4)).save(folder / f"IMG {k}.png")
+        Image.fromarray(panorama(scene, c2w, WIDTH, 2)).save(folder / f"IMG {k}.png")
     mask = np.zeros((WIDTH // 2, WIDTH), np.uint8)
     mask[:, WIDTH // 2 :] = 255
     Image.fromarray(mask).save(folder / "masks" / "IMG 0.png")

@@ -36,6 +36,18 @@ from mi_dogsplat.check import stability
 stability.cases = lambda cases=stability.cases: [next(iter(cases()))]
 """
 COMMAND = "from mi_dogsplat.cli import main; sys.exit(main(sys.argv[1:]))"
+COMMANDS = """
+import contextlib, io, json
+from mi_dogsplat.cli import main
+
+ends = []
+for argv in json.loads(sys.argv[1]):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = main(argv)
+    ends.append([status, out.getvalue(), err.getvalue()])
+print(json.dumps(ends))
+"""
 RENDER = """
 import mi_dogsplat, mitsuba as mi
 mi.set_variant("llvm_ad_rgb")
@@ -48,6 +60,14 @@ def core(code: str, *argv, hidden: list[str] = HIDDEN) -> subprocess.CompletedPr
     """Run Python as if only the core was installed, or all but what is hidden."""
     command = [sys.executable, "-W", "error", "-c", WITHOUT.format(hidden=hidden) + code, *map(str, argv)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
+def ends_of(*commands: list) -> list[tuple[int, str, str]]:
+    """(status, stdout, stderr) of commands without extras, one after the other in one process, which takes as long to
+    begin as most of them."""
+    done = core(COMMANDS, json.dumps([[str(word) for word in words] for words in commands]))
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+    return [tuple(end) for end in json.loads(done.stdout)]
 
 
 @pytest.fixture(scope="module")
@@ -88,12 +108,11 @@ def pixels_of(path: Path) -> np.ndarray:
     return next(channels[name].pixels for name in ("RGBA", "RGB") if name in channels)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".exr"])
-def test_a_model_and_a_scene_are_rendered_to_a_file_without_extras(model, scene, tmp_path, suffix):
-    for source in (model, scene):
-        out = tmp_path / (source.stem + suffix)
-        done = core(COMMAND, "render", source, "-o", out)
-        assert done.returncode == 0 and done.stdout == f"{out}\n" and done.stderr == "", done.stderr
+def test_a_model_and_a_scene_are_rendered_to_a_file_without_extras(model, scene, tmp_path):
+    sources = {tmp_path / (source.stem + suffix): source for source in (model, scene) for suffix in (".png", ".exr")}
+    ends = ends_of(*(["render", source, "-o", out] for out, source in sources.items()))
+    for out, end in zip(sources, ends, strict=True):
+        assert end == (0, f"{out}\n", "")
         assert pixels_of(out).shape[2] >= 3
 
 
@@ -105,17 +124,18 @@ def test_stability_is_checked_without_extras(tmp_path):
     assert done.stdout.splitlines()[-1] == str(out / "check.json") and not (out / "check.html").exists()
 
 
-@pytest.mark.parametrize("flags", [[], ["--features"]])
-def test_a_model_and_a_run_are_described_without_extras(model, tmp_path, flags):
+def test_a_model_and_a_run_are_described_without_extras(model, tmp_path):
     (tmp_path / "config.json").write_text('{"data": "photos", "steps": 7}')
-    for path, word in ((model, "SH degree"), (tmp_path, "training")):
-        done = core(COMMAND, "info", path, *flags)
-        assert done.returncode == 0 and word in done.stdout and done.stderr == "", done.stderr
+    words = {model: "SH degree", tmp_path: "training"}
+    commands = [["info", path, *flags] for path in words for flags in ([], ["--features"])]
+    for (_, path, *_), (status, out, err) in zip(commands, ends_of(*commands), strict=True):
+        assert status == 0 and words[path] in out and err == "", (out, err)
 
 
-@pytest.mark.parametrize(
-    "argv",
-    [
+def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=2)
+    names = {"data": data, "model": model, "out": tmp_path / "out"}
+    commands = [
         ["train", "{data}", "-o", "{out}"],
         ["eval", "{model}", "{data}"],
         ["render", "{model}", "-o", "{out}.png", "--data", "{data}"],
@@ -124,16 +144,12 @@ def test_a_model_and_a_run_are_described_without_extras(model, tmp_path, flags):
         ["film", "{model}", "-o", "{out}.mp4"],
         ["mesh", "{model}", "-o", "{out}.ply"],
         ["view", "{model}"],
-    ],
-    ids=lambda argv: argv[0],
-)
-def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, argv):
-    data = tiny_data.write_tiny_data(tmp_path / "data", n=2)
-    names = {"data": data, "model": model, "out": tmp_path / "out"}
-    done = core(COMMAND, *(word.format(**names) for word in argv))
-    assert done.returncode == 2 and done.stdout == "", done
-    extra = argv[0] if argv[0] in ("export", "film", "mesh", "view") else "train"
-    assert re.fullmatch(rf"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[{extra}\]'\n", done.stderr)
+    ]
+    filled = [[word.format(**names) for word in words] for words in commands]
+    for (name, *_), (status, out, err) in zip(commands, ends_of(*filled), strict=True):
+        assert status == 2 and out == "", (name, out, err)
+        extra = name if name in ("export", "film", "mesh", "view") else "train"
+        assert re.fullmatch(rf"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[{extra}\]'\n", err), err
     assert not list(tmp_path.glob("out*"))
 
 
@@ -174,13 +190,13 @@ def test_without_the_extra_poses_only_what_needs_it_is_refused(tmp_path, argv):
 POSIX = {"fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "posix", "syslog"}  # modules that Windows lacks
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "mi_dogsplat").rglob("*.py")), ids=lambda p: str(p.relative_to(ROOT)))
-def test_a_module_is_imported_without_what_windows_lacks(path):
+def test_no_module_imports_what_windows_lacks():
     """What a function imports by itself is left out: it has to ask first."""
-    needed = set()
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.Import):
-            needed |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            needed.add(node.module)
-    assert not needed & POSIX
+    for path in sorted((ROOT / "mi_dogsplat").rglob("*.py")):
+        needed = set()
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Import):
+                needed |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                needed.add(node.module)
+        assert not needed & POSIX, path

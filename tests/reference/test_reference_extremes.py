@@ -1,6 +1,7 @@
 """Gradients of the float64 twin at extremes, against differences in 70 digits."""
 
 from decimal import Decimal, localcontext
+from functools import lru_cache
 
 import numpy as np
 from every_pair import every_pair
@@ -10,6 +11,12 @@ from mi_dogsplat.reference.gradients import gradients_tiled
 from splat_scenes import axis_rotation, make_splats, tilted_camera
 
 BACKGROUND = (0.2, -0.3, 0.6)
+
+
+@lru_cache(maxsize=10_000)
+def exp(value: Decimal) -> Decimal:
+    """In as many digits as all of this file has. Most are asked for again with the next parameter that is changed."""
+    return value.exp()
 
 
 def exact_loss(raw: dict, color: np.ndarray, camera, adjoint: np.ndarray, antialiased: bool) -> Decimal:
@@ -33,7 +40,7 @@ def exact_loss(raw: dict, color: np.ndarray, camera, adjoint: np.ndarray, antial
     dx, dy = offsets
 
     def axes(log_scales):
-        return JW @ R * np.array([s.exp() for s in log_scales])
+        return JW @ R * np.array([exp(s) for s in log_scales])
 
     def kernel(logits, log_scales):
         A = axes(log_scales)
@@ -42,8 +49,8 @@ def exact_loss(raw: dict, color: np.ndarray, camera, adjoint: np.ndarray, antial
         ratio = ((xx - low_pass) * (yy - low_pass) - xy * xy) / det
         opacity = max(Decimal(reference.MIN_ANTIALIAS_RATIO), ratio).sqrt() if antialiased else Decimal(1)
         for logit in logits:
-            opacity /= 1 + (-logit).exp()
-        return np.array([opacity * (q / -2).exp() for q in (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / det])
+            opacity /= 1 + exp(-logit)
+        return np.array([opacity * exp(q / -2) for q in (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / det])
 
     opacity, scales = raw["logit_opacities"], raw["log_scales"]
     alpha = kernel([opacity], scales) - kernel([opacity, raw["dog_logit_opacities"]], scales + raw["dog_log_scales"])
@@ -62,7 +69,7 @@ def exact_loss(raw: dict, color: np.ndarray, camera, adjoint: np.ndarray, antial
     for normal in [raw[name] for name in ("cut_normals", "second_cut_normals") if name in raw]:
         h = inverse @ A @ normal  # per pixel
         h = h * min(Decimal(1), 16 / max(Decimal(1), (h @ h).sqrt()))
-        alpha = alpha * np.array([(1 + plane.exp()) / (1 + (plane - n).exp()) for n in offsets.T @ h])
+        alpha = alpha * np.array([(1 + exp(plane)) / (1 + exp(plane - n)) for n in offsets.T @ h])
     over = (colors - number(BACKGROUND)) * number(adjoint.swapaxes(0, 1).reshape(-1, 3))
     return (alpha[:, None] * over).sum()
 

@@ -182,7 +182,7 @@ def test_a_scene_is_denoised_where_that_is_asked_for(folder):
     (folder / "bright.json").write_text(json.dumps(described))
     request = {"scene": str(folder / "bright.json"), "samples": 16, "transparent": True, "seed": 1}
     for model in ({}, {"model": str(folder / "model.ply"), "counts": [10, 30], "holdout": [1]}):
-        truth = answered(request | model | {"samples": 300})
+        truth = answered(request | model | {"samples": 196})
         *_, before, (_, clean) = Answerer().answer(read_request(request | model | {"denoise": True}))
         plain = answered(request | model)
         assert clean is not None and before[1] is not None and clean["color"].shape == plain["color"].shape

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,12 +43,16 @@ def mitsuba(variant: str):
 
 def points_on_rays(sensor, samples: np.ndarray) -> np.ndarray:
     """World points that the sensor sees at film positions [P, 2] in 0..1 of the crop, at varied distances."""
-    points = []
-    for i, (u, v) in enumerate(samples):
-        ray, _ = sensor.sample_ray(0.0, 0.5, [float(u), float(v)], [0.5, 0.5])
-        o, d = (np.array(x, dtype=np.float64).reshape(3) for x in (ray.o, ray.d))
-        points.append(o + d * (1 + i % 5))
-    return np.array(points)
+    import mitsuba as mi
+
+    # one ray a call, or all rays in one: in a kernel of its own each would be compiled
+    together: Any = samples if str(mi.variant()).startswith("scalar") else [mi.Point2f(samples.T.astype(np.float32))]
+    rays = [sensor.sample_ray(0.0, 0.5, at, [0.5, 0.5])[0] for at in together]
+    origins, directions = (
+        np.concatenate([np.array(values, np.float64).reshape(3, -1) for values in of_rays], axis=1).T
+        for of_rays in ([ray.o for ray in rays], [ray.d for ray in rays])
+    )
+    return origins + directions * (1 + np.arange(len(samples)) % 5)[:, None]
 
 
 def pixel_grid(width: int, height: int, step: int = 7) -> np.ndarray:

@@ -53,7 +53,7 @@ def test_the_average_is_what_comes_nearest_in_pictures_from_all_sides(scales, ro
     """Oracle: of constant colours tried in pictures, the best one."""
     one = rounded(make_splats([[0, 0, 0]], [scales], 0.6, 0.5))
     curved = replace(one, curvature_index=[0], brightness_curvatures=[row])
-    cameras = [from_side(axis) for axis in np.random.default_rng(3).normal(size=(300, 4))]
+    cameras = [from_side(axis) for axis in np.random.default_rng(3).normal(size=(100, 4))]
 
     def pictures(splats: Splats) -> np.ndarray:
         return np.stack([image_of(rasterized(splats, camera), camera).astype(np.float64) for camera in cameras])

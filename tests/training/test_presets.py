@@ -146,14 +146,14 @@ def test_a_recipe_for_its_own_length_is_itself():
 
 
 @pytest.mark.parametrize("name", PRUNING)
-@pytest.mark.parametrize("steps", [*range(1, 40), 300, 7000, 60_000])
 @pytest.mark.parametrize("whole", [True, False])
-def test_every_phase_is_within_a_run_of_any_length_and_in_order(name, steps, whole):
-    recipe = (RECIPES[name] if whole else RECIPES[name].from_pruning()).scaled(steps)
-    assert recipe.pruning and recipe.dog
-    assert recipe.densification.stop <= recipe.pruning.start + 1 <= steps + 1
-    assert recipe.pruning.start <= recipe.pruning.stop <= recipe.dog.start <= steps
-    assert recipe.position_steps >= 1 and recipe.sh_every >= whole
+def test_every_phase_is_within_a_run_of_any_length_and_in_order(name, whole):
+    for steps in (*range(1, 40), 300, 7000, 60_000):
+        recipe = (RECIPES[name] if whole else RECIPES[name].from_pruning()).scaled(steps)
+        assert recipe.pruning and recipe.dog, steps
+        assert recipe.densification.stop <= recipe.pruning.start + 1 <= steps + 1
+        assert recipe.pruning.start <= recipe.pruning.stop <= recipe.dog.start <= steps
+        assert recipe.position_steps >= 1 and recipe.sh_every >= whole, steps
 
 
 @pytest.mark.parametrize("name", PRUNING)

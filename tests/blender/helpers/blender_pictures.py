@@ -8,19 +8,31 @@ import numpy as np
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
 
 
+def choose_engine(scene: bpy.types.Scene, engine: str) -> None:
+    """The engine is that one; EEVEE without what takes most of its time and nobody sees in the checks.
+
+    These give it no lamps, so it needs no shadows. And what light comes from the world it keeps in a map of 2048 x 2048
+    pixels, of which a processor makes one in two seconds; without a world it is as large, so there is a black one.
+    """
+    scene.render.engine = engine
+    if engine == EEVEE:
+        scene.eevee.use_shadows = False
+        if scene.world is None:
+            scene.world = bpy.data.worlds.new("Black")
+            scene.world.color = (0, 0, 0)
+            if scene.world.node_tree is not None:
+                scene.world.node_tree.nodes.clear()
+        scene.world.probe_resolution = "128"
+
+
 def picture(scene: bpy.types.Scene, engine: str, folder: Path) -> np.ndarray:
     """[H, W, 3] as Blender writes it in floats, rows from the top."""
     return with_alpha(scene, engine, folder)[..., :3]
 
 
 def with_alpha(scene: bpy.types.Scene, engine: str, folder: Path) -> np.ndarray:
-    """[H, W, 4] of the same, premultiplied.
-
-    EEVEE is given no lamps by the checks, and its shadows, which nobody sees then, take most of its time.
-    """
-    scene.render.engine = engine
-    if engine == EEVEE:
-        scene.eevee.use_shadows = False
+    """[H, W, 4] of the same, premultiplied."""
+    choose_engine(scene, engine)
     settings = scene.render.image_settings
     settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGBA"
     scene.render.filepath = str(folder / "out.exr")

@@ -137,7 +137,7 @@ def test_training_from_disk_is_the_same_training(data):
     assert losses[0] == pytest.approx(losses[1], rel=1e-3)
 
 
-def test_only_a_few_images_from_disk_are_held_at_a_time_and_each_is_read_once_per_turn(data, request):
+def test_only_a_few_images_from_disk_are_held_at_a_time_and_each_is_read_once_per_turn(data):
     dataset = load_dataset(data, on_disk=True)
     alive: list[weakref.ref] = []
 
@@ -150,8 +150,6 @@ def test_only_a_few_images_from_disk_are_held_at_a_time_and_each_is_read_once_pe
     many = Dataset(dataset.path, train, dataset.test, dataset.points, dataset.point_colors, False)
     trainer = Trainer(config_of(data_on_disk=True), many)
     assert not alive
-    gc.freeze()  # what the session holds takes a collection .1 s
-    request.addfinalizer(gc.unfreeze)
     for k in range(1, len(train) + 1):
         trainer.step()
         gc.collect()

@@ -10,37 +10,38 @@ from mi_dogsplat.formats.sizes import FileKind
 from mi_dogsplat.formats.sog import MAX_PALETTE
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.quantisation import room
 from mi_dogsplat.training.quantisation.room import FILLED, Room
 from mi_dogsplat.training.strategy.quantise import Quantisation
 from mi_dogsplat.training.strategy.sieve import Sieve
 from splat_scenes import random_splats, rounded
 
 SOG = FileKind("sog")
-MANY = 30_000  # of which a palette would have 11,250 entries
+USUAL = 1024  # entries, in place of MOST_ENTRIES: palettes of more take seconds
+MANY = 3750  # of which a palette would have 1406 entries
 
 
-@pytest.fixture(scope="module")
-def many() -> Splats:
+@pytest.fixture
+def many(monkeypatch) -> Splats:
+    monkeypatch.setattr(room, "MOST_ENTRIES", USUAL)
     return rounded(random_splats(MANY, seed=0, degree=1, dog_share=0))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def size(many) -> int:
     """Of the file with a larger palette."""
-    return SOG.size(SOG.foreseen(many, 2 * MOST_ENTRIES))
+    return SOG.size(SOG.foreseen(many, 2 * USUAL))
 
 
-@pytest.mark.slow
 def test_a_file_with_room_has_a_larger_palette(many, size):
-    distinct = len(np.unique(SOG.foreseen(many, 2 * MOST_ENTRIES).sh_coeffs[:, 1:], axis=0))
-    assert MOST_ENTRIES < distinct <= 0.375 * MANY
-    assert Room(int(1.01 * size / FILLED), SOG).most_entries(many) == 2 * MOST_ENTRIES
+    distinct = len(np.unique(SOG.foreseen(many, 2 * USUAL).sh_coeffs[:, 1:], axis=0))
+    assert USUAL < distinct <= 0.375 * MANY
+    assert Room(int(1.01 * size / FILLED), SOG).most_entries(many) == 2 * USUAL
 
 
-@pytest.mark.slow
 def test_one_that_is_nearly_full_has_the_usual_palette(many, size):
-    assert SOG.size(SOG.foreseen(many)) < size
-    assert Room(int(0.99 * size / FILLED), SOG).most_entries(many) == MOST_ENTRIES
+    assert SOG.size(SOG.foreseen(many, USUAL)) < size
+    assert Room(int(0.99 * size / FILLED), SOG).most_entries(many) == USUAL
 
 
 @pytest.mark.parametrize(("degrees", "most"), [
