@@ -63,12 +63,17 @@ def find_photographs(folder: Path, out: Path, masks: Path | None = None, linear:
     if unfit := [path for files in ((shown, newer) if linear else (newer, raw)) for path in _others(files, found)]:
         raise _unfit(unfit, len(found), linear)
     if len(found) < FEWEST:
-        videos, beside = _files(top, VIDEOS), _beside(folder)
-        remedy = f"name the video itself: {videos[0]}" if videos else "give at least two that overlap, better 20 to 200"
-        remedy = f"move the {counted(len(beside), 'image')} beside it into it, or rename it" if beside else remedy
-        n = "no image" if not found else "a single image"
-        raise DataError(top, f"has {n}, and depth shows in several alone", remedy)
+        raise _too_few(top, found, _beside(folder))
     return {path.relative_to(top).as_posix(): path for path in found}
+
+
+def _too_few(top: Path, found: list[Path], beside: list[Path]) -> DataError:
+    """Where there is no image, or a single one; ``beside``: those that are not taken."""
+    videos = _files(top, VIDEOS)
+    remedy = f"name the video itself: {videos[0]}" if videos else "give at least two that overlap, better 20 to 200"
+    remedy = f"move the {counted(len(beside), 'image')} beside it into it, or rename it" if beside else remedy
+    n = "no image" if not found else "a single image"
+    return DataError(top, f"has {n}, and depth shows in several alone", remedy)
 
 
 def _unfit(files: list[Path], n_found: int, linear: bool) -> DataError:

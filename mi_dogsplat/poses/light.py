@@ -6,6 +6,7 @@ divided out, and those of one device share a white balance, so that a surface ha
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Mapping
@@ -32,6 +33,7 @@ from .raw_files import Balance, RawHeader, develop, is_raw, read_header
 from .resampled import write_resampled
 
 AT_ONCE = 2  # images: LibRaw has threads of its own, and a large photograph takes a gigabyte
+ENOUGH = 500_000  # pixels of an image, of which a percentile is taken
 XMP = 700  # the tag of TIFF
 
 
@@ -118,14 +120,19 @@ class Development:
     def white(self) -> float:
         """The light that a screen is to show as white, as a training on linear radiance chooses it."""
         seen = self.files[:: -(-len(self.files) // MAX_VIEWS)]
-        lights = [luminance(self.light(path, half=True)[..., :3]).ravel() for path in seen]
-        return white_of_lights(np.concatenate(lights))
+        return white_of_lights(np.concatenate([_luminances(self.light(path, half=True)) for path in seen]))
 
     def light(self, path: Path, half: bool = False) -> NDArray[np.float32]:
         """[H, W, 3], or [H, W, 4] premultiplied; ``half`` the size, if it is raw. Raises ``DataError``."""
         if is_exr(path):
             return read_exr(path)
         return develop(path, self.balances[path], half) * np.float32(self.gains[path])
+
+
+def _luminances(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """[*] of some pixels of an image, as many as a percentile needs."""
+    step = max(1, round(math.sqrt(light.shape[0] * light.shape[1] / ENOUGH)))
+    return luminance(light[::step, ::step, :3]).ravel()
 
 
 def _device(header: RawHeader) -> tuple:
