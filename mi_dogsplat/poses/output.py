@@ -88,13 +88,10 @@ def _resample(source: Path, target: Path, how: Undistortion) -> None:
 def _pinhole(pycolmap: Any, model: Any, straight: dict[str, Undistortion]) -> Any:
     """The model with pinhole cameras, and its observations where these see them."""
     for image in model.images.values():
-        how = straight.get(image.name)
-        if how is None:
-            continue
-        pixels = how.points(np.array([point.xy for point in image.points2D]).reshape(-1, 2))
+        pixels = straight[image.name].points(np.array([point.xy for point in image.points2D]).reshape(-1, 2))
         for point, xy in zip(image.points2D, pixels, strict=True):
             point.xy = xy
-    of_camera = {image.camera_id: straight[image.name] for image in model.images.values() if image.name in straight}
+    of_camera = {image.camera_id: straight[image.name] for image in model.images.values()}
     for camera_id, how in of_camera.items():
         camera, c = model.cameras[camera_id], how.camera
         camera.model, camera.width, camera.height = pycolmap.CameraModelId.PINHOLE, c.width, c.height

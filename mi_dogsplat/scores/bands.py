@@ -101,6 +101,7 @@ def bands(params: dict, x: np.ndarray, views: TrainingViews) -> Bands:
     Args:
         params: as in ``rasterize``.
         x: [N, K, 3] the SH coefficients in them, K that of the highest degree.
+        views: of pinholes, as photographs are.
 
     Takes 4 K (K + 1) / 2 bytes a primitive on the device.
     """
@@ -114,8 +115,7 @@ def bands(params: dict, x: np.ndarray, views: TrainingViews) -> Bands:
     H = [dr.zeros(types.Float, n) for _ in pairs]
     for view, camera in enumerate(views.cameras):
         h = squared_weights(params, views, view)
-        direction = camera.offset(means) if camera.perspective else camera.rotation[2]
-        y = detached(unit_basis(direction, sh_degree_of(k)))
+        y = detached(unit_basis(camera.offset(means), sh_degree_of(k)))
         seen = h > 0
         for at, (i, j) in enumerate(pairs):
             H[at] = dr.select(seen, dr.fma(h * y[i], y[j], H[at]), H[at])

@@ -78,8 +78,7 @@ def _losses(params: dict, views: TrainingViews, change: Callable[[Projection], A
     for view, camera in enumerate(views.cameras if len(total) else ()):
         h = squared_weights(params, views, view)
         projection = project(params, camera, sh_degree=0)
-        seen = projection.visible & (h > 0)
-        total += array_types().Double(dr.select(seen, h * change(projection), 0))
+        total += array_types().Double(dr.select(h > 0, h * change(projection), 0))
         dr.eval(total)
     return total.numpy()
 

@@ -15,9 +15,9 @@ THIRD = WIDTH // 3
 NAMES = ("both.png", "given.png", "opaque.png", "plain.png", "transparent.png")
 
 
-def left(alpha: int) -> np.ndarray:
-    """Levels [H, W]: the left third has this one, the rest 255."""
-    levels = np.full((HEIGHT, WIDTH), 255, np.uint8)
+def left(alpha: int, rest: int = 255) -> np.ndarray:
+    """Levels [H, W]: the left third has the first, the rest the other one."""
+    levels = np.full((HEIGHT, WIDTH), rest, np.uint8)
     levels[:, :THIRD] = alpha
     return levels
 
@@ -27,14 +27,14 @@ def photographs(pixels, tmp_path) -> list[Photograph]:
     """One picture, with and without masks, and with colours below what is transparent."""
     (tmp_path / "images").mkdir()
     (tmp_path / "given").mkdir()
-    alphas = {"transparent.png": left(0), "both.png": left(127), "opaque.png": left(255)}
+    alphas = {"transparent.png": left(0), "both.png": left(127, 128), "opaque.png": left(255)}
     for name in NAMES:
         image = Image.fromarray(pixels[0])
         if name in alphas:
             image.putalpha(Image.fromarray(alphas[name]))
         image.save(tmp_path / "images" / name)
     for name in ("given.png", "both.png"):
-        Image.fromarray(np.flipud(np.triu(np.full((HEIGHT, WIDTH), 255, np.uint8)))).save(
+        Image.fromarray(np.flipud(np.triu(np.full((HEIGHT, WIDTH), 1, np.uint8)))).save(  # all but black is seen
             tmp_path / "given" / f"{name}.png"
         )
     return [Photograph(name, *SIZE, "camera", None) for name in NAMES]

@@ -2,9 +2,11 @@
 
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mi_dogsplat.poses import video
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.lens_choice import lens_of_photographs
 from mi_dogsplat.poses.run import find_poses
@@ -31,6 +33,13 @@ def test_photographs_that_say_that_they_are_panoramas_are_taken_for_some(tmp_pat
     (tmp_path / "c.jpg").write_bytes(b"no picture")  # which is told later, with all others
     assert lens_of_photographs([*files, tmp_path / "c.jpg"], lens) == "EQUIRECTANGULAR"
     assert lens_of_photographs([tmp_path / "c.jpg"], "EQUIRECTANGULAR") == "EQUIRECTANGULAR"
+
+
+def test_panoramas_that_cannot_be_cut_as_one_are_told_before_anything_is_written(tmp_path):
+    for name, width in ("a.jpg", 64), ("b.jpg", 32):
+        write_panorama(tmp_path / name, size=(width, width // 2))
+    with pytest.raises(DataError, match=r"b.jpg: is 32x16, and a.jpg is 64x32; export all panoramas in one size"):
+        lens_of_photographs([tmp_path / "a.jpg", tmp_path / "b.jpg"], None)
 
 
 def test_photographs_that_say_nothing_have_a_lens(tmp_path):
@@ -86,6 +95,17 @@ def write_panorama_video(file: Path, size: tuple[int, int], spherical: bool = Tr
 def test_a_video_that_says_that_it_is_one_of_panoramas_is_taken_for_some(tmp_path, size, spherical, panorama):
     write_panorama_video(tmp_path / "walk.mp4", size, spherical)
     assert says_panorama(tmp_path / "walk.mp4") == panorama
+
+
+@pytest.mark.parametrize("projection, size, aspect, panorama", [
+    (0, (64, 32), 1.0, True), (0, (32, 32), 2.0, True), (0, (64, 32), 2.0, False),
+    (1, (64, 32), 1.0, False),  # AV_SPHERICAL_CUBEMAP
+])  # fmt: skip
+def test_a_video_of_panoramas_is_one_as_it_is_shown(monkeypatch, projection, size, aspect, panorama):
+    said = {"SPHERICAL": struct.pack("=7I", projection, 1, 2, 3, 4, 5, 6)}
+    frame = SimpleNamespace(width=size[0], height=size[1], side_data=said)
+    monkeypatch.setattr(video, "read_frames", lambda path: (row for row in [(0, frame, aspect)]))
+    assert says_panorama(Path("walk.mp4")) == panorama
 
 
 def test_a_video_of_panoramas_has_no_lens_of_a_pinhole(tmp_path):

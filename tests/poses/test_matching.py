@@ -1,6 +1,8 @@
 """Which pairs of images are matched, and what the matches say about a capture."""
 
 from contextlib import nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +11,17 @@ from mi_dogsplat.poses import matching
 from mi_dogsplat.poses.advice import Outcome, advice_on_capture, advice_on_model, hopeless
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.evidence import CARRIED, Evidence, translation_shares
-from mi_dogsplat.poses.matching import ALIKE, BESIDE, EXHAUSTIVE, LOOPS, WINDOW, pairs_of_many, pairs_of_video
+from mi_dogsplat.poses.matching import (
+    ALIKE,
+    BESIDE,
+    DONE,
+    EXHAUSTIVE,
+    EXHAUSTIVE_VIDEO,
+    LOOPS,
+    WINDOW,
+    pairs_of_many,
+    pairs_of_video,
+)
 from mi_dogsplat.poses.retrieval import nearest, similarities
 
 SIZE = 640, 480
@@ -60,30 +72,66 @@ def test_many_photographs_are_matched_with_those_that_look_alike():
     assert nearest(similarity, ALIKE) <= pairs and len(pairs) < n * (ALIKE + BESIDE)
 
 
+@dataclass
+class Asked:
+    """What COLMAP and the comparison of all images are asked for."""
+
+    pairs: list[tuple[str, str]] = field(default_factory=list)  # of names, in all calls
+    seeds: set[int] = field(default_factory=set)
+    on_gpu: set[bool] = field(default_factory=set)
+
+
 @pytest.fixture
 def matched(tmp_path, monkeypatch):
-    """The pairs of names that are matched of images of these names, of which none looks like another; in all calls."""
-    nothing, found = SimpleNamespace(data=np.zeros((0, 128), np.uint8)), []
+    """What is asked for images of these names, of which none looks like another; in all calls."""
+    pycolmap, asked = pytest.importorskip("pycolmap"), Asked()
+    nothing = SimpleNamespace(data=np.zeros((0, 128), np.uint8))
 
-    def of(names: list[str], config: PosesConfig, progress=lambda done, n: None) -> list[tuple[str, str]]:
+    def compared(descriptors: list[np.ndarray], seed: int) -> np.ndarray:
+        asked.seeds.add(seed)
+        return similarities(descriptors, seed)
+
+    def note(database: str, options, pairing, verification, device) -> None:
+        lines = Path(pairing.match_list_path).read_text().splitlines()
+        asked.pairs.extend((a, b) for a, b in map(str.split, lines))
+        asked.seeds.add(verification.ransac.random_seed)
+        asked.on_gpu |= {options.use_gpu, device == pycolmap.Device.cuda}
+
+    def of(names: list[str], config: PosesConfig, progress=lambda done, n: None, video: bool = False) -> Asked:
         images = [SimpleNamespace(name=name, image_id=-k) for k, name in enumerate(names)]
         content = SimpleNamespace(read_all_images=lambda: images, read_descriptors=lambda number: nothing)
-
-        def note(pycolmap, database, names, pairs, *options):
-            found.extend((names[i], names[j]) for i, j in pairs)
-
         monkeypatch.setattr(matching, "opened", lambda *_: nullcontext(content))
-        monkeypatch.setattr(matching, "nearest", lambda *_: set())
-        monkeypatch.setattr(matching, "_match_pairs", note)
-        matching.match(pytest.importorskip("pycolmap"), tmp_path / "a.db", False, config, progress)
-        return found
+        monkeypatch.setattr(matching, "nearest", lambda *_, **__: set())
+        monkeypatch.setattr(matching, "similarities", compared)
+        monkeypatch.setattr(pycolmap, "match_image_pairs", note)
+        matching.match(pycolmap, tmp_path / "a.db", video, config, progress)
+        assert [path.name for path in tmp_path.iterdir()] == [DONE]
+        return asked
 
     return of
 
 
+@pytest.mark.parametrize("video, most", [(False, EXHAUSTIVE), (True, EXHAUSTIVE_VIDEO)])
+def test_one_image_too_many_for_all_pairs_has_those_beside_it_alone(matched, tmp_path, monkeypatch, video, most):
+    monkeypatch.setattr(matching, "BATCH", most**2)
+    offsets = {*range(1, WINDOW + 1), 16, 32} if video else set(range(1, BESIDE + 1))
+    for n, allowed in (most, set(range(1, most))), (most + 1, offsets):
+        asked = matched([str(k) for k in range(n)], PosesConfig(), video=video)
+        pairs = [(i, j) for i in range(n) for j in range(i + 1, n) if j - i in allowed]
+        assert sorted((int(a), int(b)) for a, b in asked.pairs) == pairs
+        asked.pairs.clear()
+        (tmp_path / DONE).unlink()
+
+
+@pytest.mark.parametrize("gpu", [False, True])
+def test_matching_computes_where_and_with_the_seed_that_is_asked_for(matched, gpu):
+    asked = matched([str(k) for k in range(EXHAUSTIVE + 1)], PosesConfig(seed=7, gpu=gpu))
+    assert asked.on_gpu == {gpu} and asked.seeds == {7}
+
+
 def test_photographs_are_beside_each_other_as_one_counts(matched):
     n = EXHAUSTIVE + 10
-    pairs = matched([f"{k}.jpg" for k in range(n)], PosesConfig())
+    pairs = matched([f"{k}.jpg" for k in range(n)], PosesConfig()).pairs
     assert {(f"{k}.jpg", f"{k + 1}.jpg") for k in range(n - 1)} <= set(pairs) and len(pairs) < n * (BESIDE + 1)
 
 
@@ -91,7 +139,7 @@ def test_photographs_are_beside_each_other_as_one_counts(matched):
 def test_all_pairs_of_few_are_matched_but_not_two_views_of_one_panorama(matched, lens):
     names = [f"{side}/{room}/1.jpg" for side in ("front", "up") for room in "abc"]
     expected = {(a, b) for a in names for b in names if a < b and (lens is None or a[-7:] != b[-7:])}
-    found = matched(names, PosesConfig(lens=lens))
+    found = matched(names, PosesConfig(lens=lens)).pairs
     assert set(found) == expected and len(found) == len(expected)
 
 
@@ -108,8 +156,10 @@ def test_matching_that_was_stopped_goes_on_with_the_pairs_that_are_left(matched,
     with pytest.raises(KeyboardInterrupt):
         matched(list("abcde"), PosesConfig(), stop)
     assert told == [(0, 10), (4, 10), (8, 10)]
-    found = matched(list("abcde"), PosesConfig(), lambda done, n: told.append((done, n)))
+    found = matched(list("abcde"), PosesConfig(), lambda done, n: told.append((done, n))).pairs
     assert told[3:] == [(8, 10), (10, 10)] and len(set(found)) == len(found) == 10
+    matched(list("abcde"), PosesConfig(), lambda done, n: told.append((done, n)))
+    assert told[5:] == [(10, 10)] and len(found) == 10
 
 
 def homography(rotation: np.ndarray, t_over_d: np.ndarray, normal: np.ndarray, focal: float) -> np.ndarray:

@@ -1,5 +1,6 @@
 """What a video says of its colours, and what comes out as sRGB. The curves are written down here once more."""
 
+from pathlib import Path
 from typing import Any
 
 import av
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from av.video.reformatter import Colorspace
 from mi_dogsplat.poses.video import read_frames, upright_rgb
+from mi_dogsplat.poses.video_colors import require_colors
 from mi_dogsplat.support.errors import DataError
 from numpy.typing import NDArray
 
@@ -61,14 +63,14 @@ def seen(frame: av.VideoFrame) -> NDArray[np.int64]:
     return picture[frame.height // 2, step // 2 :: step].astype(int)
 
 
-@pytest.mark.parametrize("primaries", ["bt2020", "p3"])
+@pytest.mark.parametrize(("primaries", "said"), [("bt2020", 9), ("p3", 12), ("bt2020", 2)], ids=["bt2020", "p3", ""])
 @pytest.mark.parametrize("curve", [16, 18], ids=["PQ", "HLG"])
-def test_hdr_of_a_phone_comes_out_in_the_colours_of_a_photograph(curve, primaries):
+def test_hdr_of_a_phone_comes_out_in_the_colours_of_a_photograph(curve, primaries, said):
     nits = 203 * with_primaries(primaries)
     signal = np.rint(65535 * (pq(nits) if curve == 16 else hlg(nits, primaries))).astype(np.uint16)
     frame = av.VideoFrame.from_ndarray(columns(signal, 64, 96), format="rgb48le")
     frame = frame.reformat(format="yuv420p10le", dst_colorspace=int(Colorspace.BT2020))
-    frame.colorspace, frame.color_primaries, frame.color_trc = 9, NUMBERS[primaries], curve
+    frame.colorspace, frame.color_primaries, frame.color_trc = 9, said, curve
     np.testing.assert_allclose(seen(frame), PATCHES, atol=4)
 
 
@@ -100,6 +102,8 @@ def test_a_matrix_that_ffmpeg_does_not_convert_is_one_line(tmp_path, matrix, nam
     [
         ((1280, 720), 2, Colorspace.ITU709),  # nothing said: as players take it
         ((720, 1280), 2, Colorspace.ITU709),
+        ((1280, 544), 2, Colorspace.ITU709),
+        ((720, 578), 2, Colorspace.ITU709),
         ((720, 576), 2, Colorspace.ITU601),
         ((1280, 720), 5, Colorspace.ITU601),
         ((720, 576), 1, Colorspace.ITU709),
@@ -110,6 +114,40 @@ def test_luma_and_chroma_are_read_as_they_were_written(size, said, matrix):
     frame = frame.reformat(width=size[0], format="yuv420p", dst_colorspace=int(matrix))
     frame.colorspace = said
     np.testing.assert_allclose(seen(frame), PATCHES, atol=4)
+
+
+@pytest.mark.parametrize(
+    ("number", "red", "blue"),  # shares of luma, ITU-T H.273
+    [
+        (1, 0.2126, 0.0722),
+        (4, 0.30, 0.11),
+        (5, 0.299, 0.114),
+        (6, 0.299, 0.114),
+        (7, 0.212, 0.087),
+        (9, 0.2627, 0.0593),
+    ],
+)
+def test_each_matrix_that_is_read_is_that_of_the_standard(number, red, blue):
+    r, g, b = PATCHES.T / 255
+    luma = red * r + (1 - red - blue) * g + blue * b
+    chroma = (b - luma) / (2 - 2 * blue), (r - luma) / (2 - 2 * red)
+    coded = np.stack([16 + 219 * luma, *(128 + 224 * c for c in chroma)], -1)
+    planes = np.moveaxis(columns(np.rint(coded).astype(np.uint8), 64, 96), -1, 0)
+    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(planes), format="yuv444p")
+    frame.colorspace = number
+    require_colors(Path("walk.mkv"), frame, "")
+    np.testing.assert_allclose(seen(frame), PATCHES, atol=2)
+
+
+@pytest.mark.parametrize("matrix", [0, 2, 8])
+def test_what_is_no_luma_and_chroma_comes_out_as_it_is(matrix):
+    frame = av.VideoFrame.from_ndarray(columns(PATCHES, 64, 96), format="rgb24")
+    frame.colorspace = matrix
+    require_colors(Path("walk.mkv"), frame, "")
+    np.testing.assert_array_equal(seen(frame), PATCHES)
+    grey = av.VideoFrame.from_ndarray(np.arange(256, dtype=np.uint8).repeat(6).reshape(16, 96), format="gray")
+    grey.color_range = 2
+    np.testing.assert_array_equal(upright_rgb(grey, 1.0), grey.to_ndarray()[..., None].repeat(3, -1))
 
 
 @pytest.mark.parametrize("full", [False, True], ids=["limited", "full"])

@@ -85,6 +85,7 @@ def test_losses_are_those_of_pictures_without_the_bands_and_the_others_fitted(de
     assert (np.abs(wanted[:, 0]) > 0.01 * scale).sum() >= N // 2  # there is something to lose
     degrees = np.arange(N) % (degree + 1)
     fitted = got.fitted(degrees)
+    assert fitted.dtype == splats.sh_coeffs.dtype
     for i, d in enumerate(degrees):
         np.testing.assert_allclose(fitted[i, SH_SIZES[d] :], 0)
         if d < degree:
