@@ -21,6 +21,7 @@ PRIMARIES = {  # xy of red, green and blue; all have the white of D65
     "p3": [(0.680, 0.320), (0.265, 0.690), (0.150, 0.060)],
 }
 NUMBERS = {"srgb": 1, "bt2020": 9, "p3": 12}  # of ITU-T H.273
+LUMA_BT2020 = 0.2627, 0.0593  # shares of red and blue
 
 
 def xyz_from(name: str) -> NDArray[np.float64]:
@@ -57,6 +58,17 @@ def columns(colors: NDArray[Any], height: int, width: int) -> NDArray[Any]:
     return np.ascontiguousarray(np.broadcast_to(np.repeat(colors, width // len(colors), 0), (height, width, 3)))
 
 
+def luma_and_chroma(signal: NDArray[np.float64], red: float, blue: float, bits: int = 8) -> NDArray[Any]:
+    """Planes [3, 64, 96] of columns with these values [6, 3], in limited range; ``red`` and ``blue`` are shares of luma
+    (ITU-T H.273)."""
+    r, g, b = signal.T
+    luma = red * r + (1 - red - blue) * g + blue * b
+    chroma = (b - luma) / (2 - 2 * blue), (r - luma) / (2 - 2 * red)
+    levels = np.stack([16 + 219 * luma, *(128 + 224 * c for c in chroma)], -1) * 2 ** (bits - 8)
+    whole = np.rint(levels).astype(np.uint8 if bits == 8 else np.uint16)
+    return np.ascontiguousarray(np.moveaxis(columns(whole, 64, 96), -1, 0))
+
+
 def seen(frame: av.VideoFrame) -> NDArray[np.int64]:
     """The middles of the columns, as they come out."""
     picture, step = upright_rgb(frame, 1.0), frame.width // len(PATCHES)
@@ -67,9 +79,8 @@ def seen(frame: av.VideoFrame) -> NDArray[np.int64]:
 @pytest.mark.parametrize("curve", [16, 18], ids=["PQ", "HLG"])
 def test_hdr_of_a_phone_comes_out_in_the_colours_of_a_photograph(curve, primaries, said):
     nits = 203 * with_primaries(primaries)
-    signal = np.rint(65535 * (pq(nits) if curve == 16 else hlg(nits, primaries))).astype(np.uint16)
-    frame = av.VideoFrame.from_ndarray(columns(signal, 64, 96), format="rgb48le")
-    frame = frame.reformat(format="yuv420p10le", dst_colorspace=int(Colorspace.BT2020))
+    coded = luma_and_chroma(pq(nits) if curve == 16 else hlg(nits, primaries), *LUMA_BT2020, bits=16)
+    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(np.moveaxis(coded, 0, -1)), format="yuv444p16le")
     frame.colorspace, frame.color_primaries, frame.color_trc = 9, said, curve
     np.testing.assert_allclose(seen(frame), PATCHES, atol=4)
 
@@ -128,12 +139,7 @@ def test_luma_and_chroma_are_read_as_they_were_written(size, said, matrix):
     ],
 )
 def test_each_matrix_that_is_read_is_that_of_the_standard(number, red, blue):
-    r, g, b = PATCHES.T / 255
-    luma = red * r + (1 - red - blue) * g + blue * b
-    chroma = (b - luma) / (2 - 2 * blue), (r - luma) / (2 - 2 * red)
-    coded = np.stack([16 + 219 * luma, *(128 + 224 * c for c in chroma)], -1)
-    planes = np.moveaxis(columns(np.rint(coded).astype(np.uint8), 64, 96), -1, 0)
-    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(planes), format="yuv444p")
+    frame = av.VideoFrame.from_ndarray(luma_and_chroma(PATCHES / 255, red, blue), format="yuv444p")
     frame.colorspace = number
     require_colors(Path("walk.mkv"), frame, "")
     np.testing.assert_allclose(seen(frame), PATCHES, atol=2)
