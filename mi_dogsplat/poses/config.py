@@ -21,7 +21,7 @@ LENS = (
 )
 FRAMES = "frames to take of a video (default: as many as its motion asks for, at most 300)"
 MASKS = "folder of masks, named as the images: nothing black is matched (default: INPUT/masks where there is one)"
-LINEAR = "keep the linear light of raw photographs, as OpenEXR (default: they become JPEG); images in OpenEXR always do"
+LINEAR = "keep the light of raw photographs, as OpenEXR (default: they become JPEG); images in OpenEXR keep theirs"
 UNDISTORT = "write images as of a pinhole, for programs that know no lenses; else images keep pixels and lens"
 SIZE = "longest side of the images in which features are sought; larger ones are shrunk for that"
 

@@ -9,9 +9,9 @@ import foreign_model
 import numpy as np
 import pytest
 import tiny_data
+from camera_stages import saved, shot
 from command_line import assert_one_line, run
 from mi_dogsplat import Drawing, Model, read_model, write_model
-from mi_dogsplat.film.camera_path import CameraPath
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.make import make_film
 from mi_dogsplat.film.usd_path import is_usd_path, usd_path
@@ -27,30 +27,7 @@ TILTED = "0.36,-0.8,0.48"
 
 @pytest.fixture
 def stage(tmp_path) -> Usd.Stage:
-    """A camera under a place that turns, moved and zoomed from time 1 to 25, its aperture off the middle."""
-    stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
-    UsdGeom.SetStageUpAxis(stage, "Y")
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    stage.SetTimeCodesPerSecond(24)
-    rig = UsdGeom.Xform.Define(stage, "/Rig")
-    turn = rig.AddRotateYOp()
-    turn.Set(10.0, 1)
-    turn.Set(70.0, 25)
-    camera = UsdGeom.Camera.Define(stage, "/Rig/Camera")
-    camera.AddTranslateOp().Set(Gf.Vec3d(0.3, 0.5, 8))
-    camera.AddRotateXYZOp().Set(Gf.Vec3f(-5, 3, 20))
-    camera.CreateFocalLengthAttr().Set(30.0, 1)
-    camera.GetFocalLengthAttr().Set(50.0, 25)
-    camera.CreateHorizontalApertureAttr(32.0)
-    camera.CreateVerticalApertureAttr(18.0)
-    camera.CreateHorizontalApertureOffsetAttr(2.0)
-    camera.CreateVerticalApertureOffsetAttr(-1.5)
-    return stage
-
-
-def saved(stage, model=None, name="", fov=None) -> CameraPath:
-    stage.Save()
-    return usd_path(stage.GetRootLayer().realPath + name, model, fov)
+    return shot(tmp_path)
 
 
 def by_the_library(stage, time, world, name="/Rig/Camera") -> np.ndarray:
@@ -151,18 +128,6 @@ def test_a_film_has_the_rate_of_the_stage_where_it_is_whole(stage):
         assert saved(stage).fps is None
 
 
-def test_of_several_cameras_that_of_the_render_settings_is_taken(stage):
-    UsdGeom.Camera.Define(stage, "/Other").AddTranslateOp().Set(Gf.Vec3d(7, 8, 9))
-    settings = UsdRender.Settings.Define(stage, "/Render")
-    stage.SetMetadata("renderSettingsPrimPath", "/Render")
-    settings.CreateCameraRel().SetTargets(["/Other"])
-    assert saved(stage).at(0.0).c2w[:3, 3].tolist() == [7, 8, 9]
-    assert saved(stage, name=":/Rig/Camera").what == "camera /Rig/Camera of shot.usda"
-    settings.GetCameraRel().SetTargets(["/Nobody"])
-    with pytest.raises(DataError, match="has several cameras"):
-        saved(stage)
-
-
 def test_what_stands_still_has_no_time_of_its_own(stage):
     for name in ("/Rig/Camera.focalLength", "/Rig.xformOp:rotateY"):
         stage.GetAttributeAtPath(name).Clear()
@@ -192,65 +157,6 @@ def test_one_of_several_cameras_is_named(stage):
     assert saved(stage, name=":/Other").at(0.0).c2w[:3, 3].tolist() == [7, 8, 9]
     with pytest.raises(DataError, match="shot.usda: has no camera /Rig; name one of its own: /Rig/Camera, /Other"):
         saved(stage, name=":/Rig")
-
-
-def rendered(stage, size) -> UsdRender.Settings:
-    """Settings by which a stage is to be rendered in this size."""
-    settings = UsdRender.Settings.Define(stage, "/Render")
-    settings.CreateResolutionAttr(Gf.Vec2i(*size))
-    stage.SetMetadata("renderSettingsPrimPath", "/Render")
-    return settings
-
-
-@pytest.mark.parametrize("policy, by_width", [
-    (None, "square tall"), ("expandAperture", "square tall"), ("cropAperture", "wide"),
-    ("adjustApertureWidth", ""), ("adjustApertureHeight", "square tall wide"),
-])  # fmt: skip
-@pytest.mark.parametrize("shape, size", [("square", (400, 400)), ("wide", (400, 100)), ("tall", (100, 400))])
-def test_a_picture_shows_as_much_of_an_aperture_as_its_settings_say(stage, shape, size, policy, by_width):
-    """Pixels of a unit of the aperture, 32 by 18: those of its width, or those of its height."""
-    settings = rendered(stage, size)
-    if policy:
-        settings.CreateAspectRatioConformPolicyAttr(policy)
-    camera = saved(stage).at(1.0).camera(*size)
-    scale = size[0] / 32 if shape in by_width.split() else size[1] / 18
-    assert (camera.fx, camera.fy) == pytest.approx((50 * scale, 50 * scale))
-    middle = size[0] / 2 - 2 * scale, size[1] / 2 - 1.5 * scale
-    assert (camera.cx, camera.cy) == pytest.approx(middle)
-
-
-def test_pixels_that_are_not_square_make_a_picture_of_the_shown_proportions(stage):
-    settings = rendered(stage, (400, 270))
-    settings.CreatePixelAspectRatioAttr(2.0)
-    assert saved(stage).size == (800, 270)
-    settings.CreateAspectRatioConformPolicyAttr("adjustPixelAspectRatio")  # which puts its own in place of the given
-    path = saved(stage)
-    assert path.size == (480, 270)  # 32 by 18
-    assert path.at(1.0).camera(480, 270).fx == pytest.approx(50 * 15)
-
-
-def test_a_product_of_the_settings_comes_before_them_in_pictures_of_its_camera(stage):
-    UsdGeom.Camera.Define(stage, "/Other")
-    settings = rendered(stage, (640, 360))
-    products = [UsdRender.Product.Define(stage, f"/Render/{name}") for name in ("Close", "Wide")]
-    settings.CreateProductsRel().SetTargets(["/Render/Missing", *(product.GetPath() for product in products)])
-    close, wide = products
-    close.CreateCameraRel().SetTargets(["/Other"])
-    close.CreateResolutionAttr(Gf.Vec2i(100, 50))
-    wide.CreatePixelAspectRatioAttr(2.0)
-    assert saved(stage).size == (100, 50)  # of the camera of the first one
-    assert saved(stage, name=":/Rig/Camera").size == (1280, 360)  # resolution of the settings, pixels of its own
-    settings.CreateCameraRel().SetTargets(["/Other"])
-    assert saved(stage, name=":/Rig/Camera").size == (640, 360)  # which no product shows
-    wide.CreateCameraRel().SetTargets(["/Rig/Camera"])
-    wide.CreateAspectRatioConformPolicyAttr("adjustPixelAspectRatio")
-    assert saved(stage, name=":/Rig/Camera").size == (640, 360)
-
-
-@pytest.mark.parametrize("aspect", [0.0, -1.0, float("nan"), float("inf")])
-def test_pixels_of_no_width_are_square(stage, aspect):
-    rendered(stage, (400, 270)).CreatePixelAspectRatioAttr(aspect)
-    assert saved(stage).size == (400, 270)
 
 
 @pytest.mark.parametrize("sides", [(-1, 1, 1), (1, 2, 1)])
@@ -331,12 +237,6 @@ def test_what_breaks_while_a_film_is_made_is_one_line(stage, capfd):
     UsdGeom.Xformable(stage.GetPrimAtPath("/Rig/Camera")).GetXformOpOrderAttr().Set(["nonsense"])
     with pytest.raises(DataError, match="shot.usda: cannot be read as OpenUSD"):
         path.at(0.5)
-    assert capfd.readouterr() == ("", "")
-
-
-def test_the_library_is_silent_about_settings_that_are_nowhere(stage, capfd):
-    stage.SetMetadata("renderSettingsPrimPath", "no path")
-    assert saved(stage).at(0.5).focal > 0
     assert capfd.readouterr() == ("", "")
 
 
