@@ -1,8 +1,9 @@
 """A capture whose photographs disagree, as those of a walk outdoors do, made of one whose photographs do not.
 
 Writes a COLMAP folder like the given one: with fewer photographs, each taken with an exposure of its own, of things
-that moved in between. ``dogsplat compare`` on such folders tells what the presets make of them
-(docs/experiments/photographs.md).
+that moved in between, or with something in the way. ``dogsplat compare`` on such folders tells what the presets make of
+them (docs/experiments/photographs.md). What stands in the way is left out of every eighth photograph, which is a test
+view. Where it is, ``truth`` has masks of it.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ from pathlib import Path
 
 import numpy as np
 from mi_dogsplat.datasets.colmap import find_model, image_folder
+from mi_dogsplat.datasets.dataset import TEST_EVERY
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.files import is_empty
 from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
 from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
+
+from .cutouts import pictures_of, with_a_thing
 
 REACH = 25  # px, over which neighbours move alike: the standard deviation of a Gaussian
 QUALITY = 97  # of JPEG, so that its own errors are small beside those that are made here
@@ -31,7 +35,11 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--every", type=int, default=1, help="keep one photograph of so many, by name")
     parser.add_argument("--moved", type=float, default=0.0, help="what moves, along x and y: root mean square, px")
     parser.add_argument("--exposure", type=float, default=0.0, help="exposures are within this of the right one, EV")
+    parser.add_argument("--in-the-way", type=float, default=0.0, help="share of photographs with a thing in the way")
+    parser.add_argument("--things", type=Path, help="folder of .png with alpha, of which one is in the way")
     args = parser.parse_args(argv)
+    if args.in_the_way and not args.things:
+        parser.error("argument --in-the-way: needs --things")
     if args.every < 1:
         parser.error(f"argument --every: {args.every} is not at least 1")
     if args.out.exists() and not is_empty(args.out):
@@ -40,11 +48,17 @@ def main(argv: list[str]) -> None:
     if not model:
         raise DataError(args.data, "holds no COLMAP model", "give a folder with sparse/0")
     images = image_folder(args.data, model)
+    things = pictures_of(args.things) if args.things else []
     kept = write_model(model, args.out / "sparse" / "0", args.every)
     rng = np.random.default_rng(7)
-    for name in kept:
+    for k, name in enumerate(kept):
         pixels = read_image(images / name)[..., :3].astype(np.float64)
         pixels = exposed(moved(pixels, args.moved, rng), args.exposure, rng)
+        if k % TEST_EVERY and rng.random() < args.in_the_way:
+            pixels, hidden = with_a_thing(pixels, things, rng)
+            mask = (args.out / "truth" / name).with_suffix(".png")
+            mask.parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(np.where(hidden, 0, 255).astype(np.uint8)).save(mask)
         path = args.out / "images" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.fromarray(np.rint(255 * pixels).astype(np.uint8)).save(path, quality=QUALITY)

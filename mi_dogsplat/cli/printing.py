@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..formats.read import size_of
-from ..support.wording import counted, file_size
+from ..support.wording import counted, file_size, printable
 from .streams import discard, is_unread
 
 if TYPE_CHECKING:
     from ..editing.clean import Cleaned
     from ..editing.simplify import Simplified
     from ..export.write import Exported
+    from ..masking.make import Found
 
+NAMED = 3  # photographs that a line names
+HALF = 0.5
 METRICS = {
     "psnr": "PSNR {:.2f} dB", "cc_psnr": "colour-corrected {:.2f} dB", "half_psnr": "by halves {:.2f} dB",
     "aligned_psnr": "pose-aligned {:.2f} dB",
@@ -59,6 +62,22 @@ def simplified_lines(simplified: Simplified) -> list[str]:
     lines = [*simplified.left_out, f"PSNR of the model, {over}"]
     stages = {"merged": simplified.merged, "fitted": simplified.fitted}
     return lines + [f"  {stage:24s}{value:6.2f} dB" for stage, value in stages.items() if value is not None]
+
+
+def masks_lines(out: Path, found: Found) -> list[str]:
+    """How much is masked, and where most is."""
+    n, most = len(found.shares), list(found.masked.items())
+    if not most:
+        return [f"{out}: nothing is masked in {counted(n, 'photograph')}"]
+    of_all = sum(found.shares.values()) / n
+    named = ", ".join(f"{printable(name)} ({100 * share:.0f} %)" for name, share in most[:NAMED])
+    where = f"in {len(most)} of {counted(n, 'photograph')}; most of {named}"
+    lines = [f"{out}: {100 * of_all:.1f} % of all pixels are masked, {where}"]
+    whole = [name for name, share in most if share > HALF]
+    if whole:
+        named, masked = printable(whole[0]), counted(len(whole), "photograph")
+        lines.append(f"more than half is masked of {masked}, such as {named}: their poses may be wrong")
+    return lines
 
 
 def size_line(out: Path, n_splats: int, model: Path) -> str:

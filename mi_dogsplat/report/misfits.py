@@ -11,7 +11,7 @@ from .pictures import Figure, embedded_jpeg, read_pictures
 from .run_folder import MISFITS, Run
 
 MAX_SHOWN = 8  # with pictures
-MASK = "paint it black in a mask (--masks), or take more images of it"
+MASK = "mask it (by dogsplat masks, or by hand), or take more images of it"
 CAUSES = {
     "exposure": ("exposure or white balance", "a change of its colours", "train with --appearance"),
     "pose": ("its pose is off", "a small motion of the render", "correct its pose, or leave the image out"),

@@ -23,8 +23,8 @@ MODULES = [
     "mi_dogsplat.scores", "mi_dogsplat.render", "mi_dogsplat.runs", "mi_dogsplat.compare.compare",
     "mi_dogsplat.compare.names", "mi_dogsplat.measure.evaluate", "mi_dogsplat.measure.metrics",
     "mi_dogsplat.inspection", "mi_dogsplat.export.write", "mi_dogsplat.export.export_config", "mi_dogsplat.editing",
-    "mi_dogsplat.film.make", "mi_dogsplat.film.film_config", "mi_dogsplat.meshing", "mi_dogsplat.requests.serve",
-    "mi_dogsplat.viewer.server", "mi_dogsplat.check.run", "mi_dogsplat.support.errors",
+    "mi_dogsplat.film.make", "mi_dogsplat.film.film_config", "mi_dogsplat.meshing", "mi_dogsplat.masking",
+    "mi_dogsplat.requests.serve", "mi_dogsplat.viewer.server", "mi_dogsplat.check.run", "mi_dogsplat.support.errors",
     "mi_dogsplat.support.settings", "mi_dogsplat.support.variants",
 ]  # fmt: skip
 

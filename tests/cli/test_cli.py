@@ -21,7 +21,7 @@ from mi_dogsplat.support.wording import file_size
 from PIL import Image
 
 COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "info", "check", "export", "view")
-COMMANDS += ("clean", "film", "mesh", "poses", "serve", "simplify")
+COMMANDS += ("clean", "film", "masks", "mesh", "poses", "serve", "simplify")
 SMALL = ["--preset", "3dgs", "--steps", "12", "--sh-degree", "1", "--max-primitives", "80", "--variant", "llvm_ad_rgb"]
 
 

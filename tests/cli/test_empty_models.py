@@ -13,6 +13,7 @@ COMMANDS = {
     "simplify": ["-o", "{out}/small.ply", "--target", "10%"],
     "clean": ["-o", "{out}/lean.ply"],
     "mesh": ["-o", "{out}/surface.ply"],
+    "masks": ["{data}", "-o", "{out}/masks"],
 }
 
 

@@ -32,6 +32,7 @@ STATIONS = [
     {"export"},
     {"editing"},
     {"meshing"},
+    {"masking"},
     {"viewer"},
     {"cli"},
     {"demo"},

@@ -1,0 +1,47 @@
+"""The command ``dogsplat masks``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ...masking.masks_config import MasksConfig
+from ...render.picture_options import PictureOptions
+from ...support.variants import set_variant
+from ..flags import DATA_HELP, MODEL_HELP, add_picture_flags, add_settings, given_settings
+from ..printing import masks_lines
+
+SUMMARY = "masks of what moved, or stood in the way, while a scene was photographed"
+EXAMPLES = """
+Examples:
+  dogsplat train photos/ -o first --downscale 4 --steps 3000 --max-primitives 25000
+  dogsplat masks first/point_cloud.ply photos/ -o masks --downscale 4 --preview masked.png
+  dogsplat train photos/ -o run --masks masks
+
+People who walk by, a hand, a passing car: what is in some photographs and is no part of the scene. A model
+shows what the photographs have in common. Where one of them differs from it, and others do not in the same
+place, it gets a mask: NAME.png, black where it does not count. Look at the preview, and paint in the masks
+what you know better. Test views get none. A small model as above learns little of what moved.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give its parser what it is called with."""
+    parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
+    parser.add_argument("data", metavar="DATA", help=DATA_HELP)
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder of masks to write")
+    add_settings(parser, MasksConfig)
+    parser.add_argument("--preview", type=Path, metavar="OUT.png", help="also a picture of what is masked most")
+    add_picture_flags(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Find what stands in single photographs, and write masks for a training."""
+    config, options = given_settings(MasksConfig, args), given_settings(PictureOptions, args)
+    set_variant(args.variant)
+    from ...masking.make import make_masks
+    from ..progress import Bar
+
+    with Bar("photograph") as bar:
+        found = make_masks(args.model, args.data, args.out, config, args.preview, options, bar.show)
+    print("\n".join(masks_lines(args.out, found)))

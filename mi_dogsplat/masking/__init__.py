@@ -1,0 +1,1 @@
+"""Masks of what stands in some photographs and is no part of the scene."""

@@ -1,0 +1,22 @@
+"""How masks are found; what stands beside a field's type is the help text of its flag."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from ..support.settings import Setting, check_settings
+
+TIMES = "mask where the error is at least so many times what it usually is where the same things are seen"
+MASKS = "folder of masks that there are, named as the images: what they paint black stays black, and tells nothing"
+
+
+@dataclass(frozen=True)
+class MasksConfig:
+    """Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed."""
+
+    times: Annotated[float, Setting(TIMES, "X", least=2, most=100)] = 3.5
+    masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
+
+    def __post_init__(self) -> None:
+        check_settings(self)
