@@ -14,14 +14,16 @@ from ..printing import masks_lines
 SUMMARY = "masks of what moved, or stood in the way, while a scene was photographed"
 EXAMPLES = """
 Examples:
-  dogsplat train photos/ -o first --downscale 4 --steps 3000 --max-primitives 25000
   dogsplat masks first/point_cloud.ply photos/ -o masks --downscale 4 --preview masked.png
-  dogsplat train photos/ -o run --masks masks
+                                              a mask for each training view, and a picture of those with most
+  dogsplat masks first/point_cloud.ply photos/ -o more --downscale 4 --masks painted --times 3
+                                              beside masks that you painted, and from smaller errors on
 
 People who walk by, a hand, a passing car: what is in some photographs and is no part of the scene. A model
 shows what the photographs have in common. Where one of them differs from it, and others do not in the same
-place, it gets a mask: NAME.png, black where it does not count. Look at the preview, and paint in the masks
-what you know better. Test views get none. A small model as above learns little of what moved.
+place, its mask is black. First comes a small model, which learns little of what moved: dogsplat train photos/
+-o first --downscale 4 --steps 3500 --max-primitives 25000. When you have looked at the masks, train with them:
+dogsplat train photos/ -o run --masks masks. Test views get none.
 """
 
 
