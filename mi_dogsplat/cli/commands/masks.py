@@ -22,7 +22,7 @@ Examples:
 People who walk by, a hand, a passing car: what is in some photographs and is no part of the scene. A model
 shows what the photographs have in common. Where one of them differs from it, and others do not in the same
 place, its mask is black. First comes a small model, which learns little of what moved: dogsplat train photos/
--o first --downscale 4 --steps 3500 --max-primitives 25000. Once you have looked at the masks, train with them:
+-o first --downscale 4 --steps 3500 --max-primitives 25000. Look at the masks, and train with them:
 dogsplat train photos/ -o run --masks masks. Test views get none.
 """
 
