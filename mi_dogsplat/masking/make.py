@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from ..datasets import View, load_dataset
 from ..datasets.images import box_downscale
@@ -92,8 +91,9 @@ def make_masks(
     _write(out, dataset.train, found)
     shares = {name: float(mask.mean()) for name, mask in found.items()}
     if preview:
-        most = sorted(dataset.train, key=lambda view: -shares[view.name])
-        write_png(preview, sheet((photograph(view, background), found[view.name], view.name) for view in most))
+        most = [view for view in sorted(dataset.train, key=lambda view: -shares[view.name]) if shares[view.name]]
+        shown = most or dataset.train
+        write_png(preview, sheet((photograph(view, background), found[view.name], view.name) for view in shown))
     return Found(shares)
 
 
@@ -142,8 +142,7 @@ def _write(out: Path, views: Sequence[View], found: dict[str, NDArray[np.bool_]]
             folder = Path(part) / out.name
             folder.mkdir()
             for view in views:
-                mask = on_photograph(found[view.name], view)
-                Image.fromarray(np.where(mask, 0, 255).astype(np.uint8)).save(folder / f"{view.name}.png")
+                write_png(folder / f"{view.name}.png", np.where(on_photograph(found[view.name], view), 0.0, 1.0))
             if out.exists():  # empty, or as good as that
                 shutil.rmtree(out)
             folder.rename(out)

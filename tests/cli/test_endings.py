@@ -55,7 +55,7 @@ def test_ctrl_c_within_a_render_or_an_import_by_mitsuba_is_one_line_too(capsys, 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("command", ["export", "simplify", "clean", "mesh", "check", "render", "eval"])
+@pytest.mark.parametrize("command", ["export", "simplify", "clean", "mesh", "check", "render", "eval", "masks"])
 def test_a_command_that_is_stopped_says_so_and_leaves_nothing(
     capsys, model, data, tmp_path, monkeypatch, command, number
 ):
@@ -67,6 +67,7 @@ def test_a_command_that_is_stopped_says_so_and_leaves_nothing(
         "check": ["-o", tmp_path, "--only", "work-precision", "--data", data, "--rounds", 1],
         "render": ["-o", tmp_path / "a.png"],
         "eval": [data, "-o", tmp_path],
+        "masks": [data, "-o", tmp_path / "masks"],
     }
     monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda _: [])
     monkeypatch.setattr("os.replace", lambda *_: signal.raise_signal(number))  # its first file is written, but hidden

@@ -64,7 +64,10 @@ def test_what_stands_in_single_photographs_is_masked_there_alone(capsys, scene, 
             assert not found.any()
     assert "in 2 of 21 photographs; most of 13 (" in said and "poses" not in said
     with Image.open(preview) as image:
-        assert image.size[0] == 4 * 240
+        assert image.size[0] == 2 * 240  # of two photographs
+        pixels = np.asarray(image)[..., :3] / 255.0
+    red = (pixels[..., 0] > 0.5) & (pixels[..., 1] < 0.45) & (pixels[..., 2] < 0.45)
+    assert abs(red.mean() - np.mean([masked_in(out, name).mean() for name in STANDS]) * 180 / image.height) < 0.02
 
 
 def test_the_masks_can_be_trained_with(scene, tmp_path):
