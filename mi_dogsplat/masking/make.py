@@ -54,6 +54,7 @@ def make_masks(
     preview: str | Path | None = None,
     options: PictureOptions = PictureOptions(),
     show: Callable[[int, int], None] = lambda done, n: None,
+    split: str = "test",
 ) -> Found:
     """Write a mask for each training view: black where it differs from a model of the scene as others do not.
 
@@ -65,13 +66,13 @@ def make_masks(
         preview: a .png to write, with the photographs that are masked most.
         options: how pictures are drawn; what they do not say, the model's file does.
         show: called with the number of photographs that are read, each of them once a round, and how many these are.
+        split: of the data, "test" or "validation", as in the training of the model.
 
     Needs a Mitsuba variant. Raises ``DataError``.
     """
     require_arrays()
     out = Path(out)
-    if out.exists() and not (out.is_dir() and is_empty(out)):
-        raise DataError(out, "exists, and is not an empty folder", "remove it, or name another")
+    require_new(out)
     if preview and Path(preview).suffix.lower() != ".png":
         raise DataError(preview, "no known picture format", "name a file that ends in .png")
     if preview:
@@ -80,7 +81,7 @@ def make_masks(
     require_primitives(Path(model), read, "compare the photographs with")
     drawn = drawn_as(options.drawing, read.drawing)
     options.require_for(drawn.linear)
-    dataset = load_dataset(data, options.shrink, on_disk=True)
+    dataset = load_dataset(data, options.shrink, on_disk=True, split=split)
     if options.white is not None and dataset.white is not None:
         dataset = dataset.exposed(options.white)
     background = background_color(options.background, dataset.has_alpha)
@@ -95,6 +96,12 @@ def make_masks(
         shown = most or dataset.train
         write_png(preview, sheet((photograph(view, background), found[view.name], view.name) for view in shown))
     return Found(shares)
+
+
+def require_new(out: Path) -> None:
+    """Raise ``DataError`` for a folder of masks in whose place there is something."""
+    if out.exists() and not (out.is_dir() and is_empty(out)):
+        raise DataError(out, "exists, and is not an empty folder", "remove it, or name another")
 
 
 class _Search:

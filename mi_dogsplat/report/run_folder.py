@@ -31,6 +31,9 @@ RECIPE = "recipe.json"  # of a method in a comparison: its label and the numbers
 RENDER_MS = "render_ms.json"  # of a method in a comparison: its render time, measured in turns with the others'
 REFINED = "refined"  # the data of the run with the poses that it has refined, a folder
 POSED = "posed"  # the data of the run where it has found their poses first, a folder
+FIRST = "first"  # the run of a small model by which masks were found, a folder
+MASKS = "masks"  # the masks that were found by it, a folder
+MASKED = "masked.png"  # what they mask, to look at
 DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (runs/mixture.py)
 MISFITS = "train/misfits.json"  # training images that do not fit (runs/misfits.py)
 

@@ -15,7 +15,7 @@ from ..datasets.masks import without_mask
 from ..datasets.refined import require_photographs
 from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
-from ..report.run_folder import CONFIG, HISTORY, METRICS, POSED, RECIPE
+from ..report.run_folder import CONFIG, FIRST, HISTORY, METRICS, POSED, RECIPE
 from ..support.errors import DataError, making, undisguised
 from ..support.files import PART, is_empty, json_text, remove_parts, write_json
 from ..support.locks import locked
@@ -39,7 +39,7 @@ def prepare_folder(out: Path) -> None:
     """Make the run folder. Raises ``DataError`` if something else is in its place or it cannot be written."""
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the run")
-    ours = any((out / name).exists() for name in (CONFIG, METRICS, f"{POSED}/{POSES}"))
+    ours = any((out / name).exists() for name in (CONFIG, METRICS, f"{POSED}/{POSES}", f"{FIRST}/{CONFIG}"))
     with making(out):
         if out.is_dir() and not is_empty(out) and not ours:
             raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")

@@ -12,6 +12,7 @@ from ...runs.stopping import stop_when_input_ends
 from ...support.settings import settings_of
 from ...training.config import TrainConfig
 from ..flags import DATA_HELP, add_settings, training_config
+from ..mask_search import search_masks
 from ..pose_search import search_poses
 from ..printing import say
 from ..training_run import run_training
@@ -31,6 +32,7 @@ Examples:
   dogsplat train lego/ -o run --background random      another colour at each step: no splats hide in it
   dogsplat train photos/ -o run --masks masks/ --appearance
                                                        people painted out; automatic exposure taken out
+  dogsplat train photos/ -o run --mask-moved           people who walked by are found and masked first
   dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
   dogsplat train photos/ -o run --scale 0001 0004 0.75
                                                        two images taken 75 cm apart: the model says its metres
@@ -48,6 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("data", metavar="DATA", help=f"{DATA_HELP}; or {PLAIN}")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     add_settings(parser, TrainConfig, [name for name in settings_of(TrainConfig) if name not in ("data", "model")])
+    parser.add_argument(
+        "--mask-moved",
+        action="store_true",
+        help="mask what moved, or stood in the way, in single photographs: by a small model, which is trained first "
+        "(RUN/first, RUN/masks)",
+    )
     parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
     parser.add_argument(
         "--until-input-ends",
@@ -66,9 +74,10 @@ def run(args: argparse.Namespace) -> None:
     if config.target != TrainConfig.target:
         config.require_pruning()
     posed, resume = _posed(config, args.out), args.resume
-    if posed is not config:  # what was stopped before it had poses has nothing else to go on with
+    masked = search_masks(posed, args.out, resume) if args.mask_moved else posed
+    if masked is not config:  # what was stopped before it had poses and masks has nothing else to go on with
         resume = resume and (args.out / CONFIG).exists()
-    run_training(posed, args.out, resume)
+    run_training(masked, args.out, resume)
 
 
 def _posed(config: TrainConfig, run: Path) -> TrainConfig:
