@@ -60,6 +60,6 @@ def usual_errors(
 
 def in_grey(splats: Splats, grey: NDArray) -> Splats:
     """The primitives where they are, each in one grey [N] that is the same from every side and all over it."""
-    plain = splats.without_slopes().without_curvatures().uniform_sh(0)
+    plain = splats.without_slopes().uniform_sh(0)  # without curvatures, too
     levels = np.repeat((np.clip(grey, 0, 1) - 0.5) / C0, 3).reshape(-1, 1, 3)
     return replace(plain, sh_coeffs=levels.astype(np.float32))
