@@ -67,9 +67,9 @@ EARLY_STEPS = f"a growth of its own: {100 * EARLY_SHARE:.0f} % of the steps, {GR
 EARLY_3DGS = EQUAL_RECIPES["3dgs"].growing(EARLY_SHARE)
 EQUAL_STEPS = "window and step sizes are ours"
 DENSIFIED = (
-    "first refined at step 500 (the code: at 600); a step that refines is also one of Adam (in the code it is not); "
-    "opacities are not reset at step 500 over a white background; all methods that go on from the densified start "
-    "share this"
+    "first densified at step 500 (the code: at 600); a densification step is also one of Adam (in the code it is "
+    "not); opacities are not reset at step 500 over a white background; all methods that go on from the densified "
+    "start share this"
 )
 AS_PUBLISHED = {
     "3dgs": Method("3DGS, 100 %", RECIPES["3dgs"], "Kerbl et al. 2023", DENSIFIED),

@@ -30,9 +30,9 @@ from .taming import edges
 
 DEVIATIONS_OF_BOTH = (
     "gradients of the centres are sums over pixels (the code sums their magnitudes), and have no threshold, so only "
-    "the budget limits growth; primitives that a refinement removes make room in the same one; edges of 10 random "
-    "views (the code takes views in turn, and all of them at steps 3,400 and 6,400); no steps of several views after "
-    "step 20,000; a start of at most half the budget"
+    "the budget limits growth; a densification step may at once refill the room of primitives that it removes; edges "
+    "of 10 random views (the code takes views in turn, and all of them at steps 3,400 and 6,400); no steps of several "
+    "views after step 20,000; a start of at most half the budget"
 )  # of this and of GNS
 DEVIATIONS = f"{DEVIATIONS_OF_BOTH}; written from the code of GNS, which is based on it"
 VIEWS = 10

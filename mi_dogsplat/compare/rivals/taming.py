@@ -34,8 +34,8 @@ DEVIATIONS = (
     "the term of distances to the pixels (50) is left out; a primitive counts in a view if it has a pixel there (the "
     "code: if it is on screen, hidden or not); radii are not rounded up to whole pixels; primitives are removed as in "
     "3DGS (the code removes half of these by score, and only early); opacities do not exceed 1 after step 15,000; at "
-    "the last refinement primitives below the threshold fill the rest of the budget; a start of at most half the "
-    "budget"
+    "the last densification step primitives below the threshold fill the rest of the budget; a start of at most half "
+    "the budget"
 )
 VIEWS = 10
 OF_MODEL = {"gradient": 25.0, "opacity": 100.0, "scale": 25.0}
