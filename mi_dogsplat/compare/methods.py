@@ -67,9 +67,9 @@ EARLY_STEPS = f"a growth of its own: {100 * EARLY_SHARE:.0f} % of the steps, {GR
 EARLY_3DGS = EQUAL_RECIPES["3dgs"].growing(EARLY_SHARE)
 EQUAL_STEPS = "window and step sizes are ours"
 DENSIFIED = (
-    "first refined at step 500, where the code does so at 600; a step that refines is one of Adam, too, which it is "
-    "not in the code; opacities are not reset at step 500 over a white background; all that goes on from the densified "
-    "start shares this"
+    "first densified at step 500 (the code: at 600); a densification step is also one of Adam (in the code it is "
+    "not); opacities are not reset at step 500 over a white background; all methods that go on from the densified "
+    "start share this"
 )
 AS_PUBLISHED = {
     "3dgs": Method("3DGS, 100 %", RECIPES["3dgs"], "Kerbl et al. 2023", DENSIFIED),
@@ -101,7 +101,7 @@ AS_PUBLISHED = {
     "v2": Method("V2: + DPRA", Recipe(pruning=PruningRule(), score=OPACITY), PAPER),
     "v3": Method("V3: + SPS", replace(RECIPES["paper"], dog=None), PAPER),
     "full": Method("full: + 3D-DoG (paper)", RECIPES["paper"], PAPER),
-    "paper": Method("paper", RECIPES["paper"], f"{PAPER}, as printed", "what the text leaves open is ours"),
+    "paper": Method("paper", RECIPES["paper"], f"{PAPER}, as printed", "what the text leaves open is our choice"),
     "released": Method(
         "released",
         replace(RECIPES["released"], reference_steps=STEPS),

@@ -25,11 +25,11 @@ from ...training.strategy.strategy import Strategy, Training
 from .growth import START_SHARE, fill, progress
 
 DEVIATIONS = (
-    "the budget is the count that momentum finds in the paper, which the last refinement fills, whatever its share; "
-    "gradients have no threshold: the budget alone limits growth; removal is that of 3DGS, where the code goes by "
-    "opacity alone; pictures grow at any step, where in the code they do at refinements; box-averaged pictures, where "
-    "the code resamples by Lanczos; that position steps then fall log-linearly to the end is our reading; a start of "
-    "at most half the budget; checked with a public copy of the code"
+    "the budget is the count that momentum finds in the paper, which the last densification step fills, whatever its "
+    "share; gradients have no threshold, so only the budget limits growth; primitives are removed as in 3DGS (the "
+    "code: only by opacity); pictures grow at any step (the code: at densification steps); pictures are box-averaged "
+    "(the code: resampled by Lanczos); that position steps then fall log-linearly to the end is our interpretation; a "
+    "start of at most half the budget; checked with a public copy of the code"
 )
 LARGEST = 8  # factor
 LEAST_SHARE = 0.25  # of a photograph's amplitude at the start

@@ -31,9 +31,10 @@ from .reinitialize import FIRST, RESTARTED, Reinitialize
 from .step_sizes import OPACITY_OF_2023
 
 DEVIATIONS = (
-    "no blur split and no points from depth while densifying, the start is everybody's; all SH degrees at once after "
-    "the new beginning; indoor importance, not divided by the area, for all captures; a run of 30,000 steps, where the "
-    "stored copy of the code has 40,000; checked with a public copy of the code, the authors' own was not to be had"
+    "no blur split and no points from depth during densification, because all methods share one start; all SH degrees "
+    "at once after the restart; indoor importance, not divided by the area, for all captures; 30,000 steps (the "
+    "stored copy of the code: 40,000); checked with a public copy of the code, because the authors' own was not "
+    "available"
 )
 FROM, TO = 15_200, 25_200  # steps
 SPARSE, DUAL = "sparse_opacities", "dual_opacities"

@@ -29,12 +29,12 @@ from .mini_splatting import sampling_keys
 from .taming import edges
 
 DEVIATIONS_OF_BOTH = (
-    "gradients of the centres are sums over pixels, where the code sums their magnitudes, and have no threshold: the "
-    "budget alone limits growth; what a refinement removes makes room in the same one; edges of 10 views at random, "
-    "where the code takes views in turn, and all of them at steps 3,400 and 6,400; no steps of several views after "
-    "step 20,000; a start of at most half the budget"
+    "gradients of the centres are sums over pixels (the code sums their magnitudes), and have no threshold, so only "
+    "the budget limits growth; a densification step may at once refill the room of primitives that it removes; edges "
+    "of 10 random views (the code takes views in turn, and all of them at steps 3,400 and 6,400); no steps of several "
+    "views after step 20,000; a start of at most half the budget"
 )  # of this and of GNS
-DEVIATIONS = f"{DEVIATIONS_OF_BOTH}; from the code of GNS, which it is the base of"
+DEVIATIONS = f"{DEVIATIONS_OF_BOTH}; written from the code of GNS, which is based on it"
 VIEWS = 10
 FULL = (14_500 - 500) / (14_900 - 500)  # progress at which there is room for all, and after which the gradient decides
 

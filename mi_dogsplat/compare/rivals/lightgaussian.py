@@ -19,9 +19,9 @@ from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
 
 DEVIATIONS = (
-    "pruned at step 15,000 to the budget, where the code prunes a trained model, by 66 %; neither distillation of SH "
-    "nor quantisation; step sizes are those of 3DGS, where in the code all but the positions' fall by 5 % every 400 "
-    "steps"
+    "pruned at step 15,000 to the budget (the code prunes a trained model, by 66 %); neither distillation of SH nor "
+    "quantisation; step sizes are those of 3DGS (in the code all except those of positions fall by 5 % every 400 "
+    "steps)"
 )
 
 

@@ -28,9 +28,9 @@ from ...training.strategy.strategy import Seen, Strategy, Training
 from .radsplat import LargestWeight
 
 DEVIATIONS = (
-    "down to the budget, where the paper's mask finds the number; that the weight is the odds of the mask at "
-    "importance 1 is our reading; step sizes of the mask are those of 30,000 steps; not checked with the code, which "
-    "was not to be had"
+    "pruned to the budget (in the paper the mask determines the number); that the weight is the odds of the mask at "
+    "importance 1 is our interpretation; step sizes of the mask are those of 30,000 steps; not checked with the code, "
+    "which was not available"
 )
 FROM, TO = 19_500, 20_000  # steps
 LOG_WEIGHTS, IMPORTANCE = "log_mask_weights", "log_importance"

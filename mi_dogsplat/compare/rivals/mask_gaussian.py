@@ -40,8 +40,8 @@ from ...training.strategy.strategy import Seen, Strategy, Training
 from .step_sizes import OPACITY_OF_2023
 
 DEVIATIONS = (
-    "the number is chosen: at step 25,000 masks end with a cut to the budget, where the code learns them to the end "
-    "and its number is what is left; step sizes of the masks are those of 30,000 steps"
+    "the number is given: at step 25,000 masks end, and the model is pruned to the budget (the code learns masks to "
+    "the end, and the number results from them); step sizes of the masks are those of 30,000 steps"
 )
 TO = 25_000  # step
 MASK = "mask_logits"

@@ -32,9 +32,9 @@ from .relocation import draw, duplicate, relocate
 from .step_sizes import OPACITY_OF_2023
 
 DEVIATIONS = (
-    "at least 60 rounds of growth, however short the run, closer together if need be; moments of relocated rows begin "
-    "at zero, where the code does so for their sources alone; copies get noise from the next step on, in the code in "
-    "the same one"
+    "at least 60 rounds of growth, however short the run, at shorter intervals if necessary; moments of relocated "
+    "rows begin at zero (the code: only those of their sources); copies get noise from the next step on (the code: in "
+    "the same step)"
 )
 MIN_ROUNDS = 60  # of growth, 18 times as many with 5 % each
 GATE, STEEPNESS = 0.995, 100.0  # of the noise, on 1 - opacity

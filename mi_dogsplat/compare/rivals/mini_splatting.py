@@ -23,9 +23,9 @@ from .reinitialize import RESTARTED, Reinitialize
 from .step_sizes import OPACITY_OF_2023
 
 DEVIATIONS = (
-    "no blur split and no points from depth while densifying, the start is everybody's; parts of the way to the "
-    "budget, where the code keeps a half and then 99 % of the mass; all SH degrees at once after the new beginning; "
-    "indoor importance, not divided by the area, for all captures"
+    "no blur split and no points from depth during densification, because all methods share one start; prunes go "
+    "parts of the way to the budget (the code keeps a half, and then 99 % of the mass); all SH degrees at once after "
+    "the restart; indoor importance, not divided by the area, for all captures"
 )
 
 @dataclass(frozen=True)

@@ -31,9 +31,9 @@ from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
 
 DEVIATIONS = (
-    "pruned at steps 15,000 and 20,000 in the same parts of the way, where the code prunes a trained model by 80 %, "
-    "then 50 %; exact sums over patches, where the code renders smaller pictures; step sizes are those of 3DGS, where "
-    "in the code all but the positions' fall by 5 % every 400 steps"
+    "pruned at steps 15,000 and 20,000, in the same parts of the way (the code prunes a trained model by 80 %, then "
+    "50 %); exact sums over patches (the code renders smaller pictures); step sizes are those of 3DGS (in the code "
+    "all except those of positions fall by 5 % every 400 steps)"
 )
 RESOLUTION = 1e-7  # of float32 sums: smaller eigenvalues of H, its diagonal scaled to 1, are noise of either sign
 

@@ -16,8 +16,8 @@ from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
 
 DEVIATIONS = (
-    "each prune goes half of the way to the budget (in log count), where the paper has a threshold; there is no public "
-    "code to check it with"
+    "each prune goes half of the way to the budget, in log count (the paper has a threshold); there is no public code "
+    "to check it with"
 )
 
 

@@ -12,8 +12,8 @@ from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
 
 DEVIATIONS = (
-    "one start for all, so not the three prunes of 80 % while it densifies; five prunes meet the budget, where each is "
-    "of 30 % in the code; its step size of opacities was not to be had"
+    "without the three prunes of 80 % during densification, because all methods share one start; five prunes meet the "
+    "budget (the code: 30 % each); its step size of opacities was not available"
 )
 RECIPE = Recipe(
     pruning=PruningRule(15_000, 27_000, check_every=3000, max_interval=3000, division=(0.2,) * 5, rounds=5),

@@ -31,10 +31,11 @@ from .growth import START_SHARE, best, bounded, opacities, progress, removed
 from .mini_splatting import sampling_keys
 
 DEVIATIONS = (
-    "the term of distances to the pixels (50) is left out; in a view counts what has a pixel there, where in the code "
-    "what is on screen does, hidden or not; radii are not rounded up to whole pixels; removal is that of 3DGS, where "
-    "the code thins out half of it by score, and only early; opacities do not pass 1 after step 15,000; at the last "
-    "refinement those below the threshold fill what is left of the budget; a start of at most half the budget"
+    "the term of distances to the pixels (50) is left out; a primitive counts in a view if it has a pixel there (the "
+    "code: if it is on screen, hidden or not); radii are not rounded up to whole pixels; primitives are removed as in "
+    "3DGS (the code removes half of these by score, and only early); opacities do not exceed 1 after step 15,000; at "
+    "the last densification step primitives below the threshold fill the rest of the budget; a start of at most half "
+    "the budget"
 )
 VIEWS = 10
 OF_MODEL = {"gradient": 25.0, "opacity": 100.0, "scale": 25.0}
