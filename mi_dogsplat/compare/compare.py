@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets import load_dataset
-from ..datasets.masks import Masks
+from ..datasets.masks import Masks, all_black
 from ..report.run_folder import CONFIG
 from ..support.cores import usable_cores
 from ..support.errors import DataError, making
@@ -77,7 +77,9 @@ def compare(
         if not dataset.test:
             raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
         if config.masks:
-            Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
+            found = Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
+            if all(mask is not None and not mask.any() for mask in map(found.of, dataset.test)):
+                raise all_black(config.masks, "view that is measured")
         views.append({part: [view.name for view in getattr(dataset, part)] for part in ("train", "test")})
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
