@@ -54,7 +54,8 @@ def compare(
     """Train every method on every data set with every seed; returns what ``comparison.json`` holds.
 
     Args:
-        config: steps, target and so on; its data, preset and seed are not used. The target is that of all methods.
+        config: steps, target and so on; its data, preset and seed are not used, and it has neither ``growth`` nor
+            ``model``. The target is that of all methods.
         data: data sets, by the names of their folders in the result.
         out: folder of the comparison, made if need be.
         methods: names in ``METHODS``.
@@ -127,6 +128,11 @@ def _check_arguments(
     if workers and cluster is not None:
         problem = "is for runs on this machine, and --cluster has workers of its own"
         raise DataError("--workers", problem, "leave one of them out")
+    if config.growth is not None:
+        remedy = 'leave it out; the methods of the set "early" have a shorter growth of their own'
+        raise DataError("--growth", "changes the schedules that methods are known by", remedy)
+    if config.model is not None:
+        raise DataError("--model", "is a start of one's own, and runs of a seed share theirs", "leave it out")
     counted_target("--target", config.target)
 
 

@@ -67,6 +67,8 @@ def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(com
         ({"workers": -1}, "--workers: -1 is out of range"),
         ({"workers": 2, "cluster": "nowhere"}, "--workers: is for runs on this machine"),
         ({"config": TrainConfig("", target="2MB")}, "--target: 2MB is the size of a file"),
+        ({"config": TrainConfig("", **SETTINGS, growth=0.3)}, "--growth: changes the schedules .*; leave it out"),
+        ({"config": TrainConfig("", "ours", steps=60, model="a.ply")}, "--model: is a start of one.s own"),
         ({"targets": ["x"]}, "--more-targets: x is no target; use a ratio"),
         ({"targets": [-1]}, "--more-targets: -1 is no target"),
         ({"config": TrainConfig("", **SETTINGS, masks="nowhere")}, "nowhere: no such folder"),
