@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets import load_dataset
-from ..datasets.masks import Masks
+from ..datasets.masks import Masks, all_black
 from ..report.run_folder import CONFIG
 from ..support.cores import usable_cores
 from ..support.errors import DataError, making
@@ -54,7 +54,8 @@ def compare(
     """Train every method on every data set with every seed; returns what ``comparison.json`` holds.
 
     Args:
-        config: steps, target and so on; its data, preset and seed are not used. The target is that of all methods.
+        config: steps, target and so on; its data, preset and seed are not used, and it has neither ``growth`` nor
+            ``model``. The target is that of all methods.
         data: data sets, by the names of their folders in the result.
         out: folder of the comparison, made if need be.
         methods: names in ``METHODS``.
@@ -77,7 +78,9 @@ def compare(
         if not dataset.test:
             raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
         if config.masks:
-            Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
+            found = Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
+            if all(mask is not None and not mask.any() for mask in map(found.of, dataset.test)):
+                raise all_black(config.masks, "view that is measured")
         views.append({part: [view.name for view in getattr(dataset, part)] for part in ("train", "test")})
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
@@ -125,6 +128,11 @@ def _check_arguments(
     if workers and cluster is not None:
         problem = "is for runs on this machine, and --cluster has workers of its own"
         raise DataError("--workers", problem, "leave one of them out")
+    if config.growth is not None:
+        remedy = 'leave it out; the methods of the set "early" have a shorter growth of their own'
+        raise DataError("--growth", "changes the schedules that methods are known by", remedy)
+    if config.model is not None:
+        raise DataError("--model", "is a start of one's own, and runs of a seed share theirs", "leave it out")
     counted_target("--target", config.target)
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..datasets import load_dataset
+from ..datasets.masks import Masks
 from ..measure.lpips import Lpips, weights_path
 from ..runs.checkpoint import load_checkpoint
 from ..support.errors import DataError
@@ -172,6 +173,7 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
     elif runs := [run for run in task.complete if not (run / LPIPS).exists()]:
         if not weights_path().exists():
             raise DataError(weights_path(), "the weights of LPIPS are not on this machine", "make lpips there")
-        views = load_dataset(config.data, config.downscale, split=config.split).test
-        if lpips := Lpips.installed(view.camera for view in views):
-            measure_lpips(runs, [view.name for view in views], lpips)
+        dataset = load_dataset(config.data, config.downscale, split=config.split)
+        masks = Masks(config.masks, dataset.views) if config.masks else None
+        if lpips := Lpips.installed(view.camera for view in dataset.test):
+            measure_lpips(runs, dataset.test, lpips, masks)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..report.run_folder import CONFIG, REMEDY
+from ..report.run_folder import CONFIG, REFINED, REMEDY
 from ..support.arrays import read_array
 from ..support.errors import DataError
 from ..support.files import read_object
@@ -24,7 +24,8 @@ def learned_from(model: str | Path, data: str | Path, measured: Iterable[str]) -
     if Path(model).resolve() not in model_files(run):
         return []
     try:
-        same = is_same_input(read_object(run / CONFIG, REMEDY)["data"], str(data), noted_inputs(run).get("data"))
+        own = is_same_input(read_object(run / CONFIG, REMEDY)["data"], str(data), noted_inputs(run).get("data"))
+        same = own or Path(data).resolve() == (run / REFINED).resolve()  # the same views, elsewhere
         learned = set(read_array(run / CHECKPOINT, "views").tolist()) if same else set()
     except (DataError, OSError, ValueError, KeyError):
         return []

@@ -91,7 +91,7 @@ def test_train_says_which_views_it_measured(capsys, data, tmp_path):
 
 def test_views_that_a_model_has_learned_from_are_told_where_they_are_measured(capsys, data, tmp_path, monkeypatch):
     """By ``prune``, which measures validation views of a run that did not hold them out, and by ``eval`` of data whose
-    split has moved since."""
+    split has moved since, be it with the poses that the run has refined."""
     model = tmp_path / "run" / "point_cloud.ply"
     model.parent.mkdir()
     write_ply(model, tiny_data.truth())
@@ -99,7 +99,8 @@ def test_views_that_a_model_has_learned_from_are_told_where_they_are_measured(ca
     said = f"{model} was trained on 1 of the 1 measured views"
     for learned, told in (("1", False), ("0", True)):
         save_checkpoint(model.parent / "checkpoint" / "state.npz", {"views": np.array([learned, "2"])})
-        assert (said in run(capsys, "eval", model, data)[1]) is told
+        for of_run in (data, shutil.copytree(data, model.parent / "refined", dirs_exist_ok=True)):
+            assert (said in run(capsys, "eval", model, of_run)[1]) is told
     save_checkpoint(model.parent / "checkpoint" / "state.npz", {"views": np.array(["1"])})
     metrics = {"test": {}, "train": {"psnr": 20.0}, "views": {"1": {}}, "n": 9, "bytes": 9, "train_seconds": 1.0}
     monkeypatch.setattr("mi_dogsplat.runs.run.train", lambda *_: metrics)

@@ -21,6 +21,7 @@ from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.page import comparison_page, pareto
 from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
 from mi_dogsplat.compare.tasks import Task, perform, tasks_of
+from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.measure.lpips import Lpips
 from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint
 from mi_dogsplat.support.errors import DataError
@@ -30,7 +31,7 @@ from mi_dogsplat.training.train import Trainer
 from PIL import Image
 from small_comparison import NAMES, SETTINGS, without_processes
 from small_vgg import install, small_weights
-from tiny_data import write_tiny_data
+from tiny_data import HEIGHT, WIDTH, write_tiny_data
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +67,8 @@ def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(com
         ({"workers": -1}, "--workers: -1 is out of range"),
         ({"workers": 2, "cluster": "nowhere"}, "--workers: is for runs on this machine"),
         ({"config": TrainConfig("", target="2MB")}, "--target: 2MB is the size of a file"),
+        ({"config": TrainConfig("", **SETTINGS, growth=0.3)}, "--growth: changes the schedules .*; leave it out"),
+        ({"config": TrainConfig("", "ours", steps=60, model="a.ply")}, "--model: is a start of one.s own"),
         ({"targets": ["x"]}, "--more-targets: x is no target; use a ratio"),
         ({"targets": [-1]}, "--more-targets: -1 is no target"),
         ({"config": TrainConfig("", **SETTINGS, masks="nowhere")}, "nowhere: no such folder"),
@@ -89,6 +92,16 @@ def test_data_and_masks_are_the_same_from_another_working_folder(data, tmp_path,
         compare(config, [os.path.relpath(data)], out, [0], ["3dgs"])
     settings = json.loads((out / "tiny" / "config.json").read_text())
     assert (settings["data"], settings["masks"]) == (str(data.resolve()), str((tmp_path / "masks").resolve()))
+
+
+def test_masks_that_leave_nothing_to_compare_are_told_before_any_training(data, tmp_path):
+    (tmp_path / "masks").mkdir()
+    (view,) = load_dataset(data, 1).test
+    Image.new("L", (4, 3)).save(tmp_path / "masks" / f"{view.name}.png")
+    Image.new("L", (4, 3), 255).save(tmp_path / "masks" / f"{load_dataset(data, 1).train[0].name}.png")
+    with pytest.raises(DataError, match="masks: is black in every view that is measured"):
+        compare(TrainConfig("", **SETTINGS, masks=str(tmp_path / "masks")), [str(data)], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_table_has_what_the_runs_measured(comparison):
@@ -382,6 +395,23 @@ def test_lpips_comes_with_its_weights_also_to_runs_that_are_complete(comparison,
         expected = np.mean([Lpips(small_weights())(*pair) for pair in pairs])
         assert table["methods"][name]["data"]["tiny"]["runs"]["0"]["lpips"] == pytest.approx(expected, rel=1e-5)
     assert [t.kind for t in tasks_of(out / "tiny", [0], NAMES) if not t.done] == ["time"]
+
+
+def test_lpips_looks_at_what_the_masks_of_the_comparison_leave(comparison, tmp_path, monkeypatch):
+    install(tmp_path / "cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    folder, run = tmp_path / "tiny", tmp_path / "tiny" / "seed_0" / "3dgs"
+    shutil.copytree(comparison[0] / "tiny" / "seed_0" / "3dgs", run)
+    settings = json.loads((comparison[0] / "tiny" / "config.json").read_text())
+    (folder / "config.json").write_text(json.dumps(settings | {"masks": str(tmp_path)}))
+    (view,) = json.loads((run / "metrics.json").read_text())["views"]
+    mask = np.zeros((HEIGHT, WIDTH), np.float32)
+    mask[:, WIDTH // 3 :] = 1
+    Image.fromarray((255 * mask).astype(np.uint8)).save(tmp_path / f"{view}.png")
+    perform(Task("lpips", str(folder), 0, ("3dgs",)), {})
+    picture, truth = (np.asarray(Image.open(run / "test" / f"{view}{end}.png"), float) / 255 for end in ("", "_gt"))
+    expected = Lpips(small_weights())(np.where(mask[..., None] > 0, picture, truth), truth, mask)
+    assert json.loads((run / "lpips.json").read_text())["lpips"] == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.slow

@@ -60,6 +60,11 @@ class Rows:
         """Where no row may go."""
         return replace(self, without=np.where(self.has, np.inf, self.without))
 
+    @property
+    def stay(self) -> bool:
+        """Whether no row may go."""
+        return not np.isfinite(self.without[self.has]).any()
+
 
 @dataclass(frozen=True)
 class Options:
@@ -120,15 +125,22 @@ class Options:
         plain[:, : highest + 1] = self.removal[:, None] - self.by_degree
         plain[np.arange(DEGREES) > self.degrees[:, None]] = -np.inf
         values, bytes_of = plain, np.array(prices.bands)
+        own = prices.rows[SHIFTS] * self.shifted  # [N] bytes of what stays with a primitive: no option, but dearer ones
+        free = [group for group, rows in self.rows.items() if not rows.stay]
         for group, rows in self.rows.items():
+            price = max(prices.rows[group], 1e-9)
+            if group not in free:
+                own = own + price * rows.has
+                continue
             having = np.where(rows.has[:, None], values, -np.inf)
             values = np.concatenate([values - rows.without[:, None], having], axis=1)
-            bytes_of = np.concatenate([bytes_of, bytes_of + max(prices.rows[group], 1e-9)])
+            bytes_of = np.concatenate([bytes_of, bytes_of + price])
         values, bytes_of = np.concatenate([np.zeros((n, 1)), values], axis=1), np.append(0.0, bytes_of)
-        if self.shifted.any():
-            bytes_of = bytes_of + prices.rows[SHIFTS] * np.outer(self.shifted, bytes_of > 0)  # [N, options]
+        if own.any():
+            bytes_of = bytes_of + np.outer(own, bytes_of > 0)  # [N, options]
         choice = allocate(values, bytes_of, max(0.0, budget - prices.fixed))
         kept = np.flatnonzero(choice)
-        what = choice[kept] - 1  # degree, and DEGREES << k if it keeps its row of the k-th group
-        rows = {group: np.flatnonzero(what // (DEGREES << k) % 2) for k, group in enumerate(self.rows)}
+        what = choice[kept] - 1  # degree, and DEGREES << k if it keeps its row of the k-th group that is free
+        rows = {group: np.flatnonzero(self.rows[group].has[kept]) for group in self.rows}
+        rows |= {group: np.flatnonzero(what // (DEGREES << k) % 2) for k, group in enumerate(free)}
         return Chosen(kept, what % DEGREES, rows)

@@ -14,16 +14,17 @@ from ..events import Dropped, Event
 from .broken import drop_broken
 from .strategy import Strategy, Training
 
-PAIRS = 1 << 20  # of a primitive and a camera, at a time: 50 MB
-
 
 def near_cameras(means: np.ndarray, positions: np.ndarray, distance: float) -> np.ndarray:
-    """[N] whether a centre [N, 3] is nearer than ``distance`` to one of the camera positions [V, 3]."""
-    near, count = np.zeros(len(means), bool), max(1, PAIRS // len(positions))
-    for start in range(0, len(means), count):
-        rows = means[start : start + count, None].astype(np.float64)  # [R, 1, 3]
-        near[start : start + count] = (np.square(rows - positions).sum(axis=2) < distance**2).any(axis=1)
-    return near
+    """[N] whether a centre [N, 3] is nearer than ``distance`` to one of the camera positions [V, 3].
+
+    Asked at each row of a history: by all N V distances a large model would take hours of a training.
+    """
+    # here: it is of the extra "train", which recipes, behind the flags of any command, do not need
+    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
+
+    nearest, _ = cKDTree(positions).query(means, distance_upper_bound=distance)  # infinite where none is nearer
+    return np.isfinite(nearest)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """What bytes are divided among: primitives, bands, DoG rows, slopes, curvatures, cuts go where they gain least."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, DOG, PLANES, SECOND_C
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import Bands
 from mi_dogsplat.training.strategy.compaction import as_chosen
-from mi_dogsplat.training.strategy.options import Options, Rows
+from mi_dogsplat.training.strategy.options import Chosen, Options, Rows
 from shifted_models import with_shifts
 from splat_scenes import C0, random_splats, rounded
 
@@ -220,3 +221,29 @@ def test_the_model_of_a_choice_has_what_was_chosen():
     assert result.sh_degrees.tolist() == [1, 0, 0] and result.dog_index.tolist() == [0]
     assert result.dog_logit_opacities.tolist() == [0.0]
     np.testing.assert_array_equal(result.uniform_sh().sh_coeffs[0], splats.uniform_sh().sh_coeffs[0])
+
+
+def test_what_may_not_go_is_no_option_and_takes_no_memory():
+    """At the first checks all rows are still to come, and primitives are many: 2^k options each would be gigabytes."""
+    n, rng = 4000, np.random.default_rng(0)
+    groups = (SLOPES, CURVATURES, CUTS, SECOND_CUTS)
+    removal, by_degree = rng.random(n) * 10, np.sort(rng.random((n, 4)), axis=1)[:, ::-1]
+    has = {group: rng.random(n) < 0.5 for group in groups}
+
+    def chosen(lost: float) -> tuple[Chosen, int]:
+        rows = {group: Rows(has[group], np.where(has[group], lost, 0.0)) for group in groups}
+        nothing = Bands(np.zeros((n, 16, 3)), [])
+        options = Options(removal, by_degree, np.full(n, 3), rows, np.zeros(n, bool), nothing)
+        tracemalloc.start()
+        try:
+            return options.chosen(PRICES, 200.0 * n), tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    (held, peak), (dear, _) = chosen(np.inf), chosen(1e9)
+    assert 0 < len(held.kept) < n and peak < 1000 * n
+    for group in groups:
+        np.testing.assert_array_equal(held.rows[group], np.flatnonzero(has[group][held.kept]))
+        np.testing.assert_array_equal(held.rows[group], dear.rows[group])
+    np.testing.assert_array_equal(held.kept, dear.kept)
+    np.testing.assert_array_equal(held.degrees, dear.degrees)
