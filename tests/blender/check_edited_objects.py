@@ -289,6 +289,38 @@ def test_what_is_parented_to_a_model_stays_when_its_transform_is_applied(scene, 
     assert np.allclose(top.matrix_world, np.eye(4), atol=1e-5) and np.allclose(child.matrix_world, np.eye(4), atol=1e-5)
 
 
+@pytest.mark.parametrize("hidden", ["excluded", "disabled"])
+def test_what_viewports_do_not_have_stays_at_its_parent_when_that_is_applied(scene, model, hidden):
+    """Blender does not know where it is: it has not evaluated it since its parent was moved."""
+    obj, empty, collection = load(model), bpy.data.objects.new("empty", None), bpy.data.collections.new("hidden")
+    scene.collection.children.link(collection)
+    collection.objects.link(empty)
+    empty.parent, empty.location = obj, (1, 0, 2)
+    bpy.context.view_layer.update()
+    layer = bpy.context.view_layer.layer_collection.children["hidden"]
+    layer.exclude, empty.hide_viewport = hidden == "excluded", hidden == "disabled"
+    obj.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+    layer.exclude, empty.hide_viewport = False, False
+    bpy.context.view_layer.update()
+    assert np.allclose(empty.matrix_world, PLACED @ Matrix.Translation((1, 0, 2)), atol=1e-5)
+
+
+def test_keys_of_what_is_parented_mean_the_same_when_a_transform_is_applied(scene, model):
+    obj, empty = load(model), bpy.data.objects.new("empty", None)
+    scene.collection.objects.link(empty)
+    empty.parent = obj
+    for frame, location in ((1, (1, 2, 3)), (10, (3, 2, 1))):
+        empty.location = location
+        empty.keyframe_insert("location", frame=frame)
+    obj.matrix_world = PLACED
+    scene.frame_set(1)
+    assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+    scene.frame_set(10)
+    assert np.allclose(empty.matrix_world, PLACED @ Matrix.Translation((3, 2, 1)), atol=1e-5)
+
+
 def test_a_transform_is_applied_under_a_parent_that_is_scaled_unevenly(scene, model):
     """Location, rotation and scale cannot undo the shear there, nor keep a child in its place."""
     obj, empties = load(model), [bpy.data.objects.new(name, None) for name in ("above", "below")]
