@@ -13,6 +13,12 @@ def redraw(context: bpy.types.Context) -> None:
                 area.tag_redraw()
 
 
+def is_edited(window: bpy.types.Window) -> bool:
+    """Whether a window is in a mode whose steps of undo have no new objects."""
+    active = window.view_layer.objects.active
+    return active is not None and active.mode != "OBJECT"
+
+
 def tell(context: bpy.types.Context, trouble: str) -> None:
     """Show what went wrong at the mouse: a timer has no reports."""
 

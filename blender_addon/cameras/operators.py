@@ -11,7 +11,8 @@ from mathutils import Matrix
 
 from ..files.errors import FileError, readable, told
 from ..objects.attributes import has_splats
-from ..objects.conventions import UP_AXES, conversion, placement
+from ..objects.conventions import UP_AXES, conversion
+from ..objects.place import placement_now
 from ..translations import OWN
 from .objects import build_camera, look_through
 from .read import read_cameras
@@ -79,7 +80,7 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
     def _matrix(self, context: bpy.types.Context) -> Matrix:
         model = context.view_layer.objects.active
         if self.follow_model and model is not None and has_splats(model):
-            return Matrix(placement(model))
+            return Matrix(placement_now(context, model))
         return conversion(self.up_axis, self.scale)
 
 

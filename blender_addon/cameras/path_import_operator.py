@@ -12,7 +12,7 @@ from mathutils import Matrix, Vector
 
 from ..files.errors import FileError, readable, told
 from ..objects.attributes import has_splats
-from ..objects.conventions import placement
+from ..objects.place import placement_now
 from ..translations import OWN
 from .objects import build_camera, look_through, picture_size
 from .path_file import PathKey, read_path
@@ -37,7 +37,7 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
         """A camera that follows the active model of splats, as it is placed now; after an error, none."""
         scene, path = context.scene, Path(bpy.path.abspath(self.filepath))
         model = context.view_layer.objects.active
-        matrix = Matrix(placement(model)) if has_splats(model) else Matrix.Identity(4)
+        matrix = Matrix(placement_now(context, model)) if has_splats(model) else Matrix.Identity(4)
         upright = matrix.to_3x3().inverted_safe() @ Vector((0, 0, 1))  # of Blender, in the coordinates of the file
         try:
             keys = read_path(path, *picture_size(scene.render), np.array(upright))

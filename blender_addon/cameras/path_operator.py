@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from ..files.transform import mean_scale
 from ..files.whole import write_whole
 from ..objects.attributes import has_splats
 from ..objects.conventions import placement
+from ..objects.place import known_place
 from .objects import pinhole_numbers
 
 PINHOLE = ("fx", "fy", "cx", "cy", "width", "height")
@@ -46,10 +48,11 @@ class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
         rate = scene.render.fps / scene.render.fps_base
         try:
             keys = []
-            for frame in frames:
-                scene.frame_set(frame)
-                matrix = placement(model) if model else np.eye(4)
-                keys.append({"time": (frame - frames[0]) / rate, **_key(scene, matrix)})
+            with known_place(context, model) if model else nullcontext():
+                for frame in frames:
+                    scene.frame_set(frame)
+                    matrix = placement(model) if model else np.eye(4)
+                    keys.append({"time": (frame - frames[0]) / rate, **_key(scene, matrix)})
             write_whole(Path(bpy.path.abspath(self.filepath)), [(json.dumps({"keys": keys}, indent=1) + "\n").encode()])
         except ValueError as error:  # FileError too
             self.report({"ERROR"}, str(error))

@@ -8,6 +8,8 @@ place of the cameras of its file.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 
 import bpy
@@ -29,17 +31,35 @@ from ..objects.attributes import (
 from ..objects.conventions import note_applied
 from ..preferences import follows_vertices
 
+Moves = Sequence[tuple[np.ndarray, np.ndarray]]  # rows, and the [4, 4] that they went through
 
-def follow_vertices(mesh: bpy.types.Mesh) -> np.ndarray:
+
+class _Handler:
+    """Whether the handler leaves splats alone."""
+
+    rests = False
+
+
+@contextmanager
+def not_followed() -> Iterator[None]:
+    """For what knows better how vertices move than they tell: few of them tell no turn."""
+    _Handler.rests = True
+    try:
+        yield
+    finally:
+        _Handler.rests = False
+
+
+def follow_vertices(mesh: bpy.types.Mesh, moves: Moves | None = None) -> np.ndarray:
     """Put the splats of a mesh right whose vertices were moved since then; the [4, 4] that all of it went through, or
-    the identity."""
+    the identity. ``moves``: how they were moved, where that is known."""
     found = get_positions(mesh)
     if found is None or np.array_equal(*found):
         return np.eye(4)
     before, after = found
     turned: list[tuple[np.ndarray, np.ndarray]] = []
     whole = np.eye(4)
-    for rows, matrix in motions(before, after):
+    for rows, matrix in motions(before, after) if moves is None else moves:
         if is_rounding(before[rows], after[rows]):
             after[rows] = before[rows]
             continue
@@ -66,6 +86,8 @@ def _replace(model: Model, rows: np.ndarray, part: Model) -> None:
 @persistent
 def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """After every change, for the objects whose geometry it was."""
+    if _Handler.rests:
+        return
     follows = follows_vertices(bpy.context)
     changed = [update.id.original for update in depsgraph.updates
                if update.is_updated_geometry and isinstance(update.id, bpy.types.Object)]  # fmt: skip

@@ -8,9 +8,12 @@ import numpy as np
 from ..files.errors import told
 from ..files.linear_map import check_regular
 from ..objects.attributes import can_edit
+from ..objects.columns import get_column, put_column
 from ..objects.conventions import DOG_COUNT, light_of
 from .apply_operator import apply_edits
-from .following import follow_vertices
+from .following import follow_vertices, not_followed
+
+PART = "dog:part"  # which of the models that are joined a splat was of
 
 
 class DOGSPLAT_OT_join(bpy.types.Operator):
@@ -33,8 +36,10 @@ class DOGSPLAT_OT_join(bpy.types.Operator):
             for obj in [active, *models]:  # what the active one flattens has no place in it
                 check_regular(np.array(obj.matrix_world, np.float64)[:3, :3])
             to_active = np.linalg.inv(np.array(active.matrix_world, np.float64))
+            moves = []
             for obj in models:
-                check_regular((to_active @ np.array(obj.matrix_world, np.float64))[:3, :3])
+                moves.append(to_active @ np.array(obj.matrix_world, np.float64))
+                check_regular(moves[-1][:3, :3])
         except ValueError as error:
             self.report({"ERROR"}, told('"{name}": {reason}', name=obj.name, reason=error))
             return {"CANCELLED"}
@@ -50,9 +55,14 @@ class DOGSPLAT_OT_join(bpy.types.Operator):
         for obj in context.selected_objects:
             obj.select_set(obj in models)
         dog = sum(int(obj.get(DOG_COUNT, 0)) for obj in models)
-        bpy.ops.object.join()
+        for k, obj in enumerate(models):
+            put_column(obj.data, PART, np.full(len(obj.data.vertices), k, np.int32))
+        with not_followed():
+            bpy.ops.object.join()
         active[DOG_COUNT] = dog
-        follow_vertices(active.data)
+        part = get_column(active.data, PART, 1)[:, 0]
+        active.data.attributes.remove(active.data.attributes[PART])
+        follow_vertices(active.data, [(np.flatnonzero(part == k), move) for k, move in enumerate(moves)])
         return {"FINISHED"}
 
 

@@ -40,32 +40,42 @@ class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
             return {"CANCELLED"}
         for obj in objects:
             finish_painting(obj)
-        places = {child: child.matrix_world.copy() for obj in objects for child in obj.children}  # they stay there
-        places |= {obj: Matrix.Identity(4) for obj in objects}
         for obj, model in zip(objects, models, strict=True):
             own_data(obj)
             matrix = np.array(obj.matrix_world, np.float64)
             write_attributes(obj.data, model)
             scale_limits(obj, mean_scale(matrix[:3, :3]))
             note_applied(obj, matrix)
-        for obj in sorted(places, key=_depth):  # whom a matrix is relative to comes first
-            _place(context, obj, places[obj])
+            _hold_children(obj)
+        for obj in sorted(objects, key=_depth):  # whom a matrix is relative to comes first
+            _place(context, obj)
         return {"FINISHED"}
 
 
-def _place(context: bpy.types.Context, obj: bpy.types.Object, matrix: Matrix) -> None:
-    """Give an object its matrix to the world.
+def _hold_children(obj: bpy.types.Object) -> None:
+    """Let the children of an object, whose own matrix becomes the identity, stay where they are.
 
-    Under a parent that is scaled unevenly that may be a shear, which location, rotation and scale cannot have; the
-    inverse of the parent can.
+    Their keys mean what they did, and those that are hidden, of which Blender does not know where they are, stay too.
+    What hangs on vertices stays with these.
     """
-    obj.matrix_world = matrix
+    for child in obj.children:
+        if child.parent_type not in ("VERTEX", "VERTEX_3"):
+            child.matrix_parent_inverse = obj.matrix_world @ child.matrix_parent_inverse
+
+
+def _place(context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Make the matrix of an object to the world the identity.
+
+    Under a parent that is scaled unevenly its own may have to be a shear, which location, rotation and scale cannot
+    have; the inverse of the parent can.
+    """
+    obj.matrix_world = Matrix.Identity(4)
     if obj.parent is None:
         return
     context.view_layer.update()
     own, found = obj.matrix_basis, obj.matrix_world
-    if not np.allclose(found, matrix, atol=1e-6) and own.determinant() and found.determinant():
-        obj.matrix_parent_inverse = obj.matrix_parent_inverse @ own @ found.inverted() @ matrix @ own.inverted()
+    if not np.allclose(found, np.eye(4), atol=1e-6) and own.determinant() and found.determinant():
+        obj.matrix_parent_inverse = obj.matrix_parent_inverse @ own @ found.inverted() @ own.inverted()
 
 
 def _depth(obj: bpy.types.Object) -> int:

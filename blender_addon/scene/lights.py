@@ -26,8 +26,9 @@ FALLOFF_PIXELS = 256
 NOTHING: Plugin = {"type": "null"}  # what is behind a light is seen through it
 
 
-def light(export: Export, obj: bpy.types.Object, world: np.ndarray, size: float) -> Plugin | None:
-    """The emitter of an evaluated light object; ``world`` [4, 4] places it in a scene of radius ``size``."""
+def light(export: Export, obj: bpy.types.Object, world: np.ndarray, middle: np.ndarray, size: float) -> Plugin | None:
+    """The emitter of an evaluated light object; ``world`` [4, 4] places it in a scene of radius ``size`` around its
+    ``middle`` [3]."""
     data = obj.data
     color = _color(export, data)
     if data.energy < 0:
@@ -37,7 +38,7 @@ def light(export: Export, obj: bpy.types.Object, world: np.ndarray, size: float)
     if not data.use_shadow:
         export.note('"{light}": a light without shadows casts them here', light=data.name)
     if data.type == "SUN":
-        return _sun(data, color * _of_size(data), world, size)
+        return _sun(data, color * _of_size(data), world, middle, size)
     if data.type == "SPOT":
         return _spot(export, data, color / (4 * math.pi) * _of_size(data), world)
     if data.type == "AREA":
@@ -128,13 +129,13 @@ def _area(export: Export, data: bpy.types.Light, power: np.ndarray, world: np.nd
     return {"type": shape, "to_world": matrix(place @ LOOKING), "bsdf": NOTHING, "emitter": emitter}
 
 
-def _sun(data: bpy.types.Light, irradiance: np.ndarray, world: np.ndarray, size: float) -> Plugin:
-    """A direction, or a far disk where it is wide enough for soft shadows."""
+def _sun(data: bpy.types.Light, irradiance: np.ndarray, world: np.ndarray, middle: np.ndarray, size: float) -> Plugin:
+    """A direction, or a disk far from the scene where it is wide enough for soft shadows."""
     placed = _rigid(world) @ LOOKING
     if data.angle < SHARP_SUN:
         return {"type": "directional", "direction": placed[:3, 2].tolist(), "irradiance": rgb(irradiance)}
     half, distance = data.angle / 2, FAR * size
-    placed[:3, 3] = -distance * placed[:3, 2]
+    placed[:3, 3] = middle - distance * placed[:3, 2]
     disk = placed @ np.diag([distance * math.tan(half), distance * math.tan(half), 1, 1])
     emitter = {"type": "area", "radiance": rgb(irradiance / (math.pi * math.sin(half) ** 2))}
     return {"type": "disk", "to_world": matrix(disk), "bsdf": NOTHING, "emitter": emitter}

@@ -102,9 +102,9 @@ def write_scene(
     looks = _materials(export, found)
     described |= {name: look.whole() for name, look in looks.items()}
     described |= _bodies(export, found, looks, {known: first + k for k, known in enumerate(objects)})
-    size = _radius(found, camera)
+    middle, size = _sphere(found, camera)
     for number, (obj, world) in enumerate(found.lights):
-        if emitter := light(export, obj, world, size):
+        if emitter := light(export, obj, world, middle, size):
             described[f"{LAMP}{number}"] = emitter
     if emitter := world_light(export, depsgraph.scene_eval.world):
         described["world"] = emitter
@@ -231,12 +231,13 @@ def _mesh(export: Export, part: Part, material: str, looks: dict[str, Surface]) 
     return shape
 
 
-def _radius(found: Gathered, camera: Camera) -> float:
-    """Of a sphere around the bodies and the camera."""
+def _sphere(found: Gathered, camera: Camera) -> tuple[np.ndarray, float]:
+    """(middle [3], radius) of a sphere around the bodies and the camera."""
     corners = [np.linalg.inv(camera.w2c)[:3, 3]]
     for body in found.bodies:
         for part in found.geometry[body.key]:
             points = part.positions.reshape(-1, 3)
             box = np.stack([points.min(0), points.max(0)])
             corners += list(box @ body.world[:3, :3].T + body.world[:3, 3])
-    return max(float(np.linalg.norm(np.ptp(corners, axis=0))) / 2, 1.0)
+    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+    return (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1.0)

@@ -15,7 +15,7 @@ from ..objects.attributes import can_edit, can_edit_native
 from ..objects.columns import get_column
 from ..objects.working_space import converted_notes
 from ..preferences import command_of
-from ..windows import redraw, tell
+from ..windows import is_edited, redraw, tell
 from .mesh_object import build_surface
 from .run import SurfaceRun
 
@@ -194,11 +194,6 @@ def _positions(obj: bpy.types.Object) -> bytes:
     return get_column(obj.data, "position", 3).tobytes()
 
 
-def _is_edited(active: bpy.types.Object | None) -> bool:
-    """Whether a window is in a mode whose steps of undo have no new objects."""
-    return active is not None and active.mode != "OBJECT"
-
-
 def look_after() -> float | None:
     """Called by a timer: bring in a surface that is done, as one step of undo, and say what went wrong with one."""
     work, context = State.work, bpy.context
@@ -207,7 +202,7 @@ def look_after() -> float | None:
     redraw(context)
     obj = _object(work)
     windows = [each for each in context.window_manager.windows if obj is None or obj.name in each.scene.objects]
-    if work.run.task.works or not windows or _is_edited(windows[0].view_layer.objects.active):
+    if work.run.task.works or not windows or is_edited(windows[0]):
         return INTERVAL
     State.work = None
     try:

@@ -33,9 +33,16 @@ def training_folder(scene: bpy.types.Scene) -> Path:
 
 def claim(folder: Path, scene: bpy.types.Scene) -> None:
     """Write down that a folder is of this scene. Raises ``FileError``."""
-    file = bpy.data.filepath and bpy.path.relpath(bpy.data.filepath, start=str(folder))  # both may be moved together
-    content = {"file": file, "scene": scene.name}
+    content = {"file": bpy.data.filepath and _seen_from(folder), "scene": scene.name}
     write_whole(folder / OWNER, [(json.dumps(content, indent=1) + "\n").encode()])
+
+
+def _seen_from(folder: Path) -> str:
+    """The file that is open: relative to a folder, as both may be moved together, but from another drive of Windows."""
+    try:
+        return bpy.path.relpath(bpy.data.filepath, start=str(folder))
+    except ValueError:
+        return bpy.data.filepath
 
 
 def _other_owner(folder: Path, scene: bpy.types.Scene) -> tuple[Path, str] | None:

@@ -10,7 +10,7 @@ from ..files.errors import told
 from ..package.renderers import process_words
 from ..package.served import RendererError
 from ..preferences import command_of
-from ..windows import redraw, tell
+from ..windows import is_edited, redraw, tell
 from .data_set import is_complete
 from .folder import training_folder
 from .result import place_result
@@ -49,7 +49,7 @@ class DOGSPLAT_OT_train(bpy.types.Operator):
         if bpy.app.background:
             self.report({"INFO"}, told("trained, imported from {folder}", folder=run.folder))
             return {"FINISHED"}
-        WORK.begin_training(run, context.scene.name)
+        WORK.begin_training(run, context.scene)
         bpy.app.timers.register(look_after)
         return {"FINISHED"}
 
@@ -112,16 +112,15 @@ def look_after() -> float | None:
     if WORK.stopping and not run.works and not run.is_complete:
         WORK.end_training()
         return None
-    scene = bpy.data.scenes.get(WORK.scene)
-    windows = [window for window in context.window_manager.windows if window.scene == scene]
-    if run.works or (scene and windows and windows[0].view_layer.objects.active and context.mode != "OBJECT"):
+    windows = [window for window in context.window_manager.windows if window.scene.session_uid == WORK.scene]
+    if run.works or (windows and is_edited(windows[0])):
         return INTERVAL
     WORK.end_training()
     try:
         model = run.require_result()
         if not windows:
             problem = 'trained, but no window shows "{scene}"; import {model}'
-            raise RendererError(problem, scene=WORK.scene, model=model)
+            raise RendererError(problem, scene=WORK.scene_name, model=model)
         with context.temp_override(window=windows[0]):
             place_result(context, model)
             bpy.ops.ed.undo_push(message="Import Trained Splats")

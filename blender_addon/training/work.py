@@ -16,7 +16,8 @@ class Work:
         self.timer: bpy.types.Timer | None = None  # by which the rendering is looked after
         self.training: TrainingRun | None = None
         self.stopping = False  # the training was asked to, and is not yet at its end
-        self.scene = ""  # that the training is for
+        self.scene = 0  # that the training is for: its session_uid, which a new name and undo leave
+        self.scene_name = ""  # as it was called at the beginning
         self.trouble = ""  # one line
 
     @property
@@ -32,9 +33,10 @@ class Work:
         """No rendering is at work any more."""
         self.rendering = self.timer = None
 
-    def begin_training(self, run: TrainingRun, scene: str) -> None:
-        """A training is at work, for the scene of that name."""
-        self.training, self.scene, self.stopping = run, scene, False
+    def begin_training(self, run: TrainingRun, scene: bpy.types.Scene) -> None:
+        """A training is at work, for that scene."""
+        self.training, self.stopping = run, False
+        self.scene, self.scene_name = scene.session_uid, scene.name
 
     def end_training(self) -> None:
         """No training is at work any more."""

@@ -73,12 +73,13 @@ def backward(values: list, adjoints: list) -> None:
 def while_loop(
     state: State, cond: Callable[..., Any], body: Callable[..., State], label: str, labels: tuple[str, ...] = ()
 ) -> State:
-    """``dr.while_loop``."""
+    """``dr.while_loop``, within a kernel whatever the flags of Dr.Jit say: where ``JitFlag.SymbolicLoops`` is off,
+    frozen functions would be replayed with as many rounds as they were recorded with."""
     loop: Any = dr.while_loop
-    return loop(state, cond, body, labels=labels, label=label)
+    return loop(state, cond, body, labels=labels, label=label, mode="symbolic")
 
 
 def if_stmt(args: tuple, cond: Any, true_fn: Callable[..., Any], false_fn: Callable[..., Any]) -> Any:
-    """``dr.if_stmt``: lanes where ``cond`` holds take one function, the others the other one."""
+    """``dr.if_stmt``: lanes where ``cond`` holds take one function, the others the other one; within a kernel, too."""
     branch: Any = dr.if_stmt
-    return branch(args, cond, true_fn, false_fn)
+    return branch(args, cond, true_fn, false_fn, mode="symbolic")

@@ -13,7 +13,7 @@ from ..render.panels import labelled
 
 COLUMNS, ROWS = 4, 4
 CELL = 240  # pixels of the longer side of a photograph
-TINT, STRENGTH = np.array([0.9, 0.1, 0.2]), 0.6  # of what is masked
+TINT, STRENGTH = np.array([0.9, 0.1, 0.2]), 0.5  # of what is masked
 
 
 def sheet(photographs: Iterable[tuple[NDArray, NDArray[np.bool_], str]]) -> NDArray[np.float32]:

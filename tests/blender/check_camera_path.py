@@ -59,6 +59,33 @@ def test_every_key_sees_the_model_as_the_camera_does(scene, animated, tmp_path):
         np.testing.assert_allclose(pixels, expected, atol=1e-2)
 
 
+@pytest.mark.parametrize("hidden", ["disabled", "excluded"])
+def test_a_model_may_be_hidden_meanwhile_and_move(scene, animated, tmp_path, hidden):
+    """As heavy ones are, while a camera is animated; Blender does not evaluate them."""
+    holder, collection = bpy.data.objects.new("holder", None), bpy.data.collections.new("models")
+    scene.collection.children.link(collection)
+    scene.collection.objects.unlink(animated)
+    for obj in (animated, holder):
+        collection.objects.link(obj)
+    animated.parent = holder
+    for frame, angle in zip(FRAMES, (0.0, 1.0), strict=True):
+        holder.rotation_euler.z = angle
+        holder.keyframe_insert("rotation_euler", frame=frame)
+    scene.frame_set(4)
+    bpy.context.view_layer.objects.active = animated
+    expected = exported(tmp_path)
+    if hidden == "excluded":
+        bpy.context.view_layer.layer_collection.children["models"].exclude = True
+    else:
+        animated.hide_viewport = holder.hide_viewport = True
+    count = len(bpy.data.objects)
+    found = exported(tmp_path)
+    assert len(bpy.data.objects) == count
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one["w2c"], other["w2c"], atol=1e-5)
+    assert np.abs(np.subtract(found[0]["w2c"], found[-1]["w2c"])).max() > 0.1
+
+
 @pytest.mark.parametrize("apply", ["dogsplat.apply_transform", "object.transform_apply"])
 def test_a_path_fits_the_file_of_a_model_whose_transform_was_applied(scene, animated, tmp_path, apply):
     """Then it is moved once more. A path that comes back is the camera that went out."""

@@ -108,6 +108,21 @@ def test_cameras_follow_the_model(odd, scene, model, up_axis, applied):
     assert np.abs(blender_pixels(scene, scene.camera, moved) - expected).max() < 2e-2
 
 
+def test_cameras_follow_a_model_that_was_moved_while_it_was_hidden(odd, scene, model):
+    folder, camera = odd
+    obj = load(model)
+    obj.hide_viewport = True
+    bpy.context.view_layer.update()
+    obj.location = 1, 2, 3
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.import_scene.dogsplat_cameras(filepath=str(folder))
+    w2c = np.array(camera["w2c"])
+    points = points_before(w2c)
+    expected = projected(w2c, *(camera[k] for k in ("fx", "fy", "cx", "cy")), points)
+    moved = [Vector(p) + Vector((1, 2, 3)) for p in points]
+    assert np.abs(blender_pixels(scene, scene.camera, moved) - expected).max() < 2e-2
+
+
 def test_cameras_of_a_mirrored_model_see_as_far(odd, scene, model):
     load(model).scale = -2, 2, 2
     bpy.context.view_layer.update()

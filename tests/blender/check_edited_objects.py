@@ -4,8 +4,9 @@ import bpy
 import numpy as np
 import pytest
 from edits import PLACED, cropped, local, paint, shown
+from mathutils import Matrix
 from model_files import export, load
-from model_values import assert_equal, assert_moved
+from model_values import assert_equal, assert_moved, covariances
 from references import REFERENCES, place_camera
 from scattering import scattering
 
@@ -39,6 +40,29 @@ def test_joined_models_keep_attributes_dog_rows_and_degrees(model, join):
     other = model_now.select(np.setdiff1d(np.arange(2 * raw.n_splats), mine))
     assert not other.sh_coeffs[:, 4:].any()
     assert_moved(other.with_degree(1), raw.with_degree(1), np.array(PLACED))
+
+
+def test_our_join_turns_models_of_few_splats(model):
+    """Of which Blender's own join leaves too little to tell how they were turned."""
+    objects = [load(model, max_count=count) for count in (3, 1, 7, 20)]
+    expected = [read_attributes(obj.data) for obj in objects]
+    shear = np.array([[1.0, 0.4, 0, 0], [0, 0.7, 0, 0], [0, 0.2, 1.5, 0], [0, 0, 0, 1]])
+    matrices = [np.array(PLACED), np.array(PLACED) @ shear, shear, np.eye(4)]
+    for obj, matrix in zip(objects, matrices, strict=True):
+        parent = bpy.data.objects.new("Parent", None)  # what it has of a shear is none that an object can have
+        obj.parent, obj.matrix_parent_inverse = parent, Matrix(matrix)
+        obj.select_set(True)
+    bpy.context.view_layer.update()
+    assert bpy.ops.dogsplat.join() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    joined = bpy.context.object.data
+    found = read_attributes(joined)
+    assert found.n_splats == 31 and "dog:part" not in joined.attributes
+    for part, matrix in zip(expected, matrices, strict=True):
+        places = part.means @ matrix[:3, :3].T + matrix[:3, 3]
+        rows = [np.abs(found.means - place).max(axis=1).argmin() for place in places]
+        linear = matrix[:3, :3]
+        assert np.allclose(covariances(found.select(rows)), linear @ covariances(part) @ linear.T, rtol=1e-3, atol=1e-5)
 
 
 def test_our_join_leaves_hidden_splats_behind_and_refuses_what_splats_cannot_follow(model):
@@ -263,6 +287,38 @@ def test_what_is_parented_to_a_model_stays_when_its_transform_is_applied(scene, 
     for obj, place in before.items():
         assert np.allclose(obj.matrix_world, place, atol=1e-5)
     assert np.allclose(top.matrix_world, np.eye(4), atol=1e-5) and np.allclose(child.matrix_world, np.eye(4), atol=1e-5)
+
+
+@pytest.mark.parametrize("hidden", ["excluded", "disabled"])
+def test_what_viewports_do_not_have_stays_at_its_parent_when_that_is_applied(scene, model, hidden):
+    """Blender does not know where it is: it has not evaluated it since its parent was moved."""
+    obj, empty, collection = load(model), bpy.data.objects.new("empty", None), bpy.data.collections.new("hidden")
+    scene.collection.children.link(collection)
+    collection.objects.link(empty)
+    empty.parent, empty.location = obj, (1, 0, 2)
+    bpy.context.view_layer.update()
+    layer = bpy.context.view_layer.layer_collection.children["hidden"]
+    layer.exclude, empty.hide_viewport = hidden == "excluded", hidden == "disabled"
+    obj.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+    layer.exclude, empty.hide_viewport = False, False
+    bpy.context.view_layer.update()
+    assert np.allclose(empty.matrix_world, PLACED @ Matrix.Translation((1, 0, 2)), atol=1e-5)
+
+
+def test_keys_of_what_is_parented_mean_the_same_when_a_transform_is_applied(scene, model):
+    obj, empty = load(model), bpy.data.objects.new("empty", None)
+    scene.collection.objects.link(empty)
+    empty.parent = obj
+    for frame, location in ((1, (1, 2, 3)), (10, (3, 2, 1))):
+        empty.location = location
+        empty.keyframe_insert("location", frame=frame)
+    obj.matrix_world = PLACED
+    scene.frame_set(1)
+    assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+    scene.frame_set(10)
+    assert np.allclose(empty.matrix_world, PLACED @ Matrix.Translation((3, 2, 1)), atol=1e-5)
 
 
 def test_a_transform_is_applied_under_a_parent_that_is_scaled_unevenly(scene, model):

@@ -94,3 +94,16 @@ def test_the_cone_of_a_spot_is_scaled_with_it(scene, tmp_path, scale):
     cycles, ours = both(scene, tmp_path)
     assert cycles.max() > 0.1
     assert np.abs(ours - cycles).max() < 0.03 * cycles.max()
+
+
+def test_a_wide_sun_stands_where_it_does_for_a_scene_that_is_far_from_the_origin(scene, tmp_path):
+    """As maps have them, with metres from far away."""
+    rotation, place = (0.4, -0.3, 0.2), np.array([5000.0, 4000, 50])
+    sun = light(scene, "SUN", (0, 0, 2), rotation, energy=2, angle=0.1)
+    camera(scene, place + (0, 0, 8))
+    body(plane(20, location=place), material("ShaderNodeBsdfDiffuse", Color=GREY))
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    result = write_scene(depsgraph, None, camera_numbers(scene, scene.camera), tmp_path, 0)
+    disk = np.array(json.loads((tmp_path / result.scene).read_text())["light_0"]["to_world"]["matrix"])
+    towards = disk[:3, 3] - place
+    assert towards / np.linalg.norm(towards) == pytest.approx(np.array(sun.matrix_world.col[2][:3]), abs=2e-3)

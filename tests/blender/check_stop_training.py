@@ -6,6 +6,7 @@ import time
 
 import bpy
 import pytest
+from model_files import load
 
 from blender_addon.training import run as training_run
 from blender_addon.training import train_operator
@@ -25,6 +26,7 @@ while not (run / "go").exists():
 (run / "config.json").write_text("{}")
 sys.exit(143)
 """
+MAKES = "import shutil, sys; shutil.copy({model!r}, sys.argv[4] + '/point_cloud.ply'); print('done')"
 IS_DEAF = "import time; print('x', flush=True); time.sleep(600)"
 
 
@@ -40,7 +42,7 @@ def begun(tmp_path, monkeypatch):
         runs.append(run)
         while not (tmp_path / "training.log").stat().st_size:
             time.sleep(0.01)
-        WORK.begin_training(run, bpy.context.scene.name)
+        WORK.begin_training(run, bpy.context.scene)
         return run
 
     yield begin
@@ -105,9 +107,28 @@ def test_a_training_that_does_not_listen_is_killed(begun, monkeypatch):
     assert not run.works and not WORK.busy and WORK.trouble == ""
 
 
+def test_the_model_is_for_the_scene_that_it_was_trained_for_whatever_its_name(begun, scene, model):
+    """And for no other that has this name now."""
+    begun(MAKES.format(model=str(model))).wait()
+    name, scene.name = scene.name, "Renamed"
+    bpy.data.scenes.new(name)
+    looked_after()
+    assert scene.dogsplat_training.result is not None and WORK.trouble == ""
+
+
+def test_a_model_is_not_brought_into_what_is_edited(begun, scene, model):
+    obj = load(model)
+    bpy.ops.object.mode_set(mode="EDIT")
+    begun(MAKES.format(model=str(model))).wait()
+    assert train_operator.look_after() == train_operator.INTERVAL and obj.mode == "EDIT"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    looked_after()
+    assert scene.dogsplat_training.result not in (None, obj)
+
+
 def test_a_training_that_is_done_by_then_is_imported(begun, model):
     """Its model would be lost otherwise: nothing can go on."""
-    run = begun(f"import shutil, sys; shutil.copy({str(model)!r}, sys.argv[4] + '/point_cloud.ply'); print('done')")
+    run = begun(MAKES.format(model=str(model)))
     run.wait()
     assert bpy.ops.dogsplat.stop_training() == {"FINISHED"}
     looked_after()

@@ -192,7 +192,7 @@ def a_run(works, message=""):
 
 
 def test_the_timer_looks_after_a_training_until_its_end(scene, monkeypatch, model):
-    monkeypatch.setattr(WORK, "scene", scene.name)
+    monkeypatch.setattr(WORK, "scene", scene.session_uid)
     monkeypatch.setattr(WORK, "trouble", "")
     monkeypatch.setattr(train_operator, "tell", lambda *_: None)  # needs a display
     monkeypatch.setattr(WORK, "training", a_run(True))

@@ -1,5 +1,6 @@
 """Where a training is, and that no scene writes over that of another one."""
 
+import ntpath
 import shutil
 from pathlib import Path
 
@@ -80,3 +81,14 @@ def test_a_folder_that_is_copied_with_its_file_is_its_own(subject, scene, tmp_pa
     shutil.copytree(tmp_path / "first", tmp_path / "second")
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "second" / "chair.blend"))
     assert training_folder(bpy.context.scene) == tmp_path / "second" / "training"
+
+
+def test_the_folder_may_be_on_another_drive_than_the_file(subject, scene, tmp_path, monkeypatch):
+    """Of Windows, from which no relative path leads there."""
+    monkeypatch.setattr("os.path.relpath", lambda path, start: ntpath.relpath(f"C:{path}", f"D:{start}"))
+    save_as(tmp_path / "chair.blend")
+    begin()
+    assert training_folder(scene) == Path(scene.dogsplat_training.folder)
+    save_as(tmp_path / "table.blend")
+    with pytest.raises(ValueError, match=BELONGS):
+        training_folder(scene)

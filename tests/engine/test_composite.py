@@ -162,3 +162,14 @@ def test_pixels_beyond_the_border_of_the_image_do_not_keep_a_walk_alive_or_write
         expected, expected_T, _ = reference.render(splats.select(inner), camera)
         assert np.abs(part - expected).mean() < 2e-5 and np.abs(part_T - expected_T).mean() < 2e-5
         assert part.shape == (height, width, 3)
+
+
+def test_walks_take_all_rounds_whatever_the_flags_of_drjit():
+    """Where its own loops are evaluated, too: with as many rounds as a view of fewer primitives needs, the other one
+    would lack those behind."""
+    few, many = (rounded(random_splats(n, seed=14, degree=0, dog_share=0.5)) for n in (5, 150))
+    expected = engine(many, make_camera())
+    with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):
+        engine(few, make_camera())
+        found = engine(many, make_camera())
+    assert all(map(np.array_equal, found, expected))

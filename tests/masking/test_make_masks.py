@@ -11,6 +11,8 @@ from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.masking import make
 from mi_dogsplat.masking.make import make_masks
+from mi_dogsplat.masking.sheet import TINT
+from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.support.pictures import write_png
 from PIL import Image
@@ -66,8 +68,11 @@ def test_what_stands_in_single_photographs_is_masked_there_alone(capsys, scene, 
     with Image.open(preview) as image:
         assert image.size[0] == 2 * 240  # of two photographs
         pixels = np.asarray(image)[..., :3] / 255.0
-    red = (pixels[..., 0] > 0.5) & (pixels[..., 1] < 0.45) & (pixels[..., 2] < 0.45)
-    assert abs(red.mean() - np.mean([masked_in(out, name).mean() for name in STANDS]) * 180 / image.height) < 0.02
+    name, (rows, columns) = "13", STANDS["13"]  # first on the sheet, five times as large
+    truth = read_image(scene / "data" / "images" / f"{name}.png")
+    at, beside = (rows.start + 6, columns.start + 8), (4, 4)
+    np.testing.assert_allclose(pixels[5 * at[0], 5 * at[1]], (truth[at] + TINT) / 2, atol=0.02)
+    np.testing.assert_allclose(pixels[5 * beside[0], 5 * beside[1]], truth[beside], atol=0.02)
 
 
 def test_the_masks_can_be_trained_with(scene, tmp_path):
@@ -190,3 +195,27 @@ def test_photographs_of_radiance_are_compared_in_their_exposure(tmp_path):
     write_ply(tmp_path / "model.ply", tiny_data.truth())
     found = make_masks(tmp_path / "model.ply", data, tmp_path / "masks")
     assert set(found.masked) == {"3"} and masked_in(tmp_path / "masks", "3")[8:20, 10:26].mean() > 0.98
+    dark = PictureOptions(white=1e6, linear=True)  # in which nobody sees a lamp
+    assert not make_masks(tmp_path / "model.ply", data, tmp_path / "dark", options=dark).masked
+
+
+def test_transparent_photographs_are_compared_over_what_is_behind_them(tmp_path):
+    """Over white something black shows where there was nothing, and over black something white does."""
+    data = tiny_data.write_tiny_data(tmp_path / "data", alpha=True)
+    write_ply(tmp_path / "model.ply", tiny_data.truth())
+    for name, color in (("2", 0.0), ("5", 1.0)):
+        with Image.open(data / "images" / f"{name}.png") as image:
+            pixels = np.asarray(image) / 255.0
+        pixels[:8, :10] = (color, color, color, 1)
+        write_png(data / "images" / f"{name}.png", pixels)
+    for background, name in ((None, "2"), ("white", "2"), ("black", "5")):
+        options = PictureOptions(background=background)
+        found = make_masks(tmp_path / "model.ply", data, tmp_path / f"{background}", options=options)
+        assert set(found.masked) == {name} and masked_in(tmp_path / f"{background}", name)[:8, :10].mean() > 0.98
+
+
+def test_shrunk_photographs_have_small_masks_and_options_say_how_the_model_is_drawn(scene, tmp_path):
+    found = make_masks(scene / "model.ply", scene / "data", tmp_path / "half", options=PictureOptions(downscale=2))
+    assert set(found.masked) == set(STANDS) and masked_in(tmp_path / "half", "4").shape == (18, 24)
+    hidden = make_masks(scene / "model.ply", scene / "data", tmp_path / "hidden", options=PictureOptions(near_clip=50))
+    assert set(hidden.masked) != set(STANDS)
