@@ -15,8 +15,8 @@ from PIL import Image
 from ..support.errors import DataError
 from .dataset import View, view_name
 from .images import box_downscale, read_image
+from .photograph_names import PHOTOGRAPHS, PLAIN
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp", ".ppm")  # in lower or upper case
 USED = 0.5  # grey level from which a pixel counts
 ONE = 1.01 / 255  # grey level of the number 1, in 8 bits and in more
 
@@ -63,7 +63,7 @@ def composed(name: str) -> str:
 def mask_files(folder: Path) -> dict[str, Path]:
     """The masks of a folder, by the ``composed`` names of the views that they are of."""
     paths: dict[str, Path] = {}
-    found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
+    found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in PLAIN)
     names = [_views_of(path.relative_to(folder)) for path in found]
     for likely in (0, 1):
         for path, views in zip(found, names, strict=True):
@@ -90,7 +90,7 @@ def folder_of_masks(mask: Path, view: str) -> Path | None:
 def _views_of(mask: Path) -> tuple[str, str]:
     """The ``composed`` names of the views that a mask may be of, by its path in the folder, the likelier one first: an
     image may itself be called 1.jpg.png."""
-    image = mask.with_suffix("") if Path(mask.stem).suffix.lower() in SUFFIXES else mask
+    image = mask.with_suffix("") if Path(mask.stem).suffix.lower() in PHOTOGRAPHS else mask
     return composed(view_name(str(image))), composed(view_name(str(mask)))
 
 

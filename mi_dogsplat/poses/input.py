@@ -8,8 +8,8 @@ from pathlib import Path
 
 from ..datasets import exr, heif
 from ..datasets.colmap import find_model
-from ..datasets.masks import SUFFIXES
 from ..datasets.numbered_models import numbered_models
+from ..datasets.photograph_names import NEWER, PHOTOGRAPHS, PLAIN, RAW
 from ..datasets.run_folders import refuse_run
 from ..datasets.transforms import find_transforms
 from ..support.errors import DataError
@@ -19,8 +19,6 @@ from . import raw_files
 from .config import SETTINGS
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")
-NEWER = (".avif", ".jxl")  # Pillow reads neither of them everywhere
-PHOTOGRAPHS = (*SUFFIXES, *heif.SUFFIXES, *NEWER, *raw_files.SUFFIXES, exr.SUFFIX)
 MASKS = "masks"  # the name of their folder
 FEWEST = 2
 OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
@@ -54,7 +52,7 @@ def find_photographs(folder: Path, out: Path, masks: Path | None = None, linear:
     """
     top = folder / "images" if (folder / "images").is_dir() else folder
     without = {path.resolve() for path in (out, masks) if path is not None}
-    kinds = SUFFIXES, heif.SUFFIXES, NEWER, raw_files.SUFFIXES, (exr.SUFFIX,)
+    kinds = PLAIN, heif.SUFFIXES, NEWER, RAW, (exr.SUFFIX,)
     shown, of_phones, newer, raw, light = (_files(top, suffixes, without) for suffixes in kinds)
     shown = sorted(shown + _others(of_phones, shown))
     found = (raw or light) if linear else (shown or raw or light)
@@ -141,7 +139,7 @@ def require_input(path: Path) -> None:
             raise DataError(path, problem, f"give {'one of these, such as ' * (len(inner) > 1)}{inner[0]}")
         return
     if not is_video(path):
-        one = "a single image" if path.suffix.lower() in SUFFIXES else "neither a folder of images nor a video"
+        one = "a single image" if path.suffix.lower() in PLAIN else "neither a folder of images nor a video"
         raise DataError(path, f"is {one}", f"give a folder of images, or a video ({', '.join(VIDEOS[:5])})")
 
 

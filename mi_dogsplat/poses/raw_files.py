@@ -18,13 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..datasets.photograph_names import RAW
 from ..support.errors import DataError
 from .exif import tags_of
 
-SUFFIXES = (
-    ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".rwl", ".srw", ".pef",
-    ".3fr", ".fff", ".iiq", ".x3f", ".gpr", ".mrw", ".erf", ".dcr", ".kdc",
-)  # fmt: skip
 TIFF = (b"II*\0", b"MM\0*")  # how most raw files begin, DNG among them
 SATURATED = 65535  # the level that a sensor's largest becomes
 Balance = tuple[float, float, float]
@@ -46,7 +43,7 @@ class RawHeader:
 
 def is_raw(path: Path) -> bool:
     """Whether a file is called like a raw photograph."""
-    return path.suffix.lower() in SUFFIXES
+    return path.suffix.lower() in RAW
 
 
 def read_header(path: Path) -> RawHeader:

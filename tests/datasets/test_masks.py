@@ -95,8 +95,12 @@ def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "mask", ["left/1.png", "left/1.JPG", "left/1.JPG.png", "left_1.webp", "left/1.PNG.png", "images/left/1.tif.png"]
-)
+    "mask",
+    [
+        "left/1.png", "left/1.JPG", "left/1.JPG.png", "left_1.webp", "left/1.PNG.png", "images/left/1.tif.png",
+        "left/1.HEIC.png", "left/1.hif.PNG", "left_1.CR2.png", "left/1.exr.webp", "left/1.jxl.png",
+    ],
+)  # fmt: skip
 def test_a_mask_is_found_by_the_name_of_its_image_in_every_way_of_writing_it(tmp_path, mask):
     camera, image = tiny_data.cameras(1, 2, 2)[0], np.zeros((2, 2, 3), np.float32)
     named, other = (View(name, camera, image) for name in ("left_1", "left_11"))
