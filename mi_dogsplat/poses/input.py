@@ -43,7 +43,8 @@ def find_photographs(folder: Path, out: Path, masks: Path | None = None, linear:
     """Images of a folder and of those below it, by their names in there, sorted.
 
     Either all of them are images of linear light (``light.is_light``), or none is. Where there are others beside them,
-    raw photographs and OpenEXR are taken if ``linear`` asks for it. A picture in several formats counts once.
+    raw photographs and OpenEXR are taken if ``linear`` asks for it. What a camera wrote in several formats counts once:
+    HEIC beside a JPEG of its name, and raw photographs beside either.
 
     Left out: what lies in ``out``, in results of other commands (``_made_here``), in ``masks`` and in folders of
     that name, in hidden ones; and all but ``images`` where there is such a folder, as others beside it hold smaller

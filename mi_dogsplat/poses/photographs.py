@@ -54,7 +54,7 @@ def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, 
     in their names becomes ``_``, as COLMAP's text files have it between names, and so do a ``#`` that begins a name, as
     it begins comments there, and bytes that are no UTF-8. Raises ``DataError`` for a file that cannot be decoded.
     """
-    require_unique_names(folder, [view_name(solid_name(name)) for name in sources])
+    require_own_names(sources, folder)
     made: list[Photograph] = []
     with ThreadPoolExecutor(min(8, usable_cores())) as pool:  # Pillow decodes without holding the GIL
         for photograph in pool.map(lambda item: _prepared(item[0], item[1], folder), sources.items()):
@@ -82,6 +82,19 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
             shutil.copyfile(source, part)
     camera, written = camera_of(exif.device, (width, height)), target.relative_to(folder).as_posix()
     return Photograph(written, width, height, camera, exif.focal, exif.turn, exif.down)
+
+
+def require_own_names(sources: Mapping[str, Path], folder: Path) -> None:
+    """Raise ``DataError`` where two images, as a JPEG and a TIFF of one name, would be one view of the data set in
+    ``folder``, and for what ``require_unique_names`` does."""
+    paths: dict[str, Path] = {}
+    for name, path in sources.items():
+        view = view_name(solid_name(name))
+        if view in paths:
+            problem = f'two views have the name "{view}", of this image and of {paths[view].name}'
+            raise DataError(path, problem, "keep one of them, or rename it")
+        paths[view] = path
+    require_unique_names(folder, list(paths))
 
 
 def camera_of(device: str, size: tuple[int, int]) -> str:

@@ -253,7 +253,8 @@ def test_a_file_that_is_cut_off_and_two_of_one_name_are_errors(tmp_path):
     assert not (tmp_path / "out" / "a.jpg").exists()
     (tmp_path / "in" / "a.jpg").write_bytes(data)
     Image.fromarray(pixels()).save(tmp_path / "in" / "a.png")
-    with pytest.raises(DataError, match='two views have the name "a"'):
+    two = 'in/a.png: two views have the name "a", of this image and of a.jpg; keep one of them, or rename it'
+    with pytest.raises(DataError, match=two):
         prepared(tmp_path / "in", tmp_path / "out")
 
 
