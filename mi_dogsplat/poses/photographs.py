@@ -69,7 +69,7 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
         copied = exif.turn is None and image.mode in AS_THEY_ARE.get(kind, "").split()
         made = "JPEG" if kind in LOSSY and "A" not in image.getbands() else "PNG"
         target = folder / solid_name(name)
-        if not copied and kind != "JPEG":
+        if kind != "JPEG" and not (copied and target.suffix.lower() == SUFFIXES[made]):  # what follows goes by the name
             target = target.with_suffix(SUFFIXES[made])
         missing, space = not target.is_file(), space_of(image)
         width, height = stored_size(image)[:: -1 if exif.turn in QUARTER_TURNS else 1]

@@ -111,6 +111,15 @@ def test_what_every_tool_reads_is_copied_to_the_byte_and_the_rest_becomes_png(tm
         assert image.mode == "RGBA" and image.getextrema()[3] == (0, 255)
 
 
+def test_a_transparent_png_that_is_called_a_jpeg_gets_its_own_name(tmp_path):
+    """Programs write by the name what they make of it, and no JPEG is transparent."""
+    (tmp_path / "in").mkdir()
+    Image.fromarray(pixels()).convert("RGBA").save(tmp_path / "in" / "a.JPG", "PNG")
+    (made,) = prepared(tmp_path / "in", tmp_path / "out")
+    assert made.name == "a.png" and prepared(tmp_path / "in", tmp_path / "out") == [made]
+    assert (tmp_path / "out" / "a.png").read_bytes() == (tmp_path / "in" / "a.JPG").read_bytes()
+
+
 def test_floating_point_pixels_are_refused_and_not_made_black(tmp_path):
     (tmp_path / "in").mkdir()
     Image.fromarray(pixels()[..., 0].astype(np.float32) / 255).save(tmp_path / "in" / "a.tif")
