@@ -184,4 +184,9 @@ def test_linear_is_refused_where_there_is_no_light_to_keep(tmp_path, room):
         find_poses(room / "pictures", tmp_path / "out", PosesConfig(linear=True))
     with pytest.raises(DataError, match="--linear: is not made of panoramas"):
         PosesConfig(linear=True, lens="EQUIRECTANGULAR")
+    (tmp_path / "around").mkdir()
+    for name in ("a.exr", "b.exr"):
+        write_radiance(tmp_path / "around" / name, np.full((8, 16, 3), 0.3))
+    with pytest.raises(DataError, match="around/a.exr: is OpenEXR, of which no panoramas are cut; export"):
+        find_poses(tmp_path / "around", tmp_path / "out", PosesConfig(lens="EQUIRECTANGULAR"))
     assert not (tmp_path / "out").exists()
