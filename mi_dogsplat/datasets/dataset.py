@@ -101,7 +101,8 @@ class Dataset:
     ``test`` is what is measured: the test views, or with the split "validation" those that the data have for that, or
     else views held out of the training views.
     ``has_alpha``: every image has a fourth channel (else none has). ``observations`` maps view names to what
-    the view sees; empty where the data do not say.
+    the view sees; empty where the data do not say. ``rig_frames`` has a number for each moment of a rig, by the names
+    of the views of that moment.
     """
 
     path: Path
@@ -111,6 +112,7 @@ class Dataset:
     point_colors: np.ndarray
     has_alpha: bool
     observations: dict[str, Observations] = field(default_factory=dict)
+    rig_frames: dict[str, int] = field(default_factory=dict)
 
     @property
     def views(self) -> list[View]:
