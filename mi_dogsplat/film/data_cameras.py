@@ -42,7 +42,7 @@ def data_cameras(data: str | Path | None) -> DataCameras:
     """Those of a data set; of None there are none. Raises ``DataError``."""
     if not data:
         return DataCameras()
-    dataset = load_largest(data)[0]
+    dataset = load_largest(data, spp=1)[0]  # no picture of a scene is looked at
     views = sorted(dataset.views, key=lambda view: counted_order(view.name))
     moments = [dataset.rig_frames.get(view.name) for view in views]
     return DataCameras([view.camera for view in views], read_world(dataset.path).up, dataset.has_alpha, moments)
