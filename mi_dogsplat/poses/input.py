@@ -21,7 +21,8 @@ from .config import SETTINGS
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")
 MASKS = "masks"  # the name of their folder
 FEWEST = 2
-OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
+CAPTURE = "capture.json"
+OURS = {SETTINGS, CAPTURE, "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
 
 
 def is_video(path: Path) -> bool:
@@ -125,7 +126,8 @@ def require_input(path: Path) -> None:
     """Raise ``DataError`` for what is neither a folder of photographs nor a video.
 
     Such is a run: its pictures are renders. And so is a folder in which poses are still looked for, as not all
-    photographs may have been copied into it, and one all of whose photographs lie in data sets.
+    photographs may have been copied into it, a capture of a scene that was stopped, which gets its cameras at its end,
+    and one all of whose photographs lie in data sets.
     """
     if not path.exists():
         raise DataError(path, "no such file or folder", "check the path")
@@ -134,6 +136,9 @@ def require_input(path: Path) -> None:
             if (path / SETTINGS).is_file():
                 problem = "has no poses yet: the search for them was stopped, or found none"
                 raise DataError(path, problem, "give the photographs that it was begun with, or what has poses")
+            if (path / CAPTURE).is_file():
+                problem = "is a capture of a scene that was stopped, whose cameras are written at its end"
+                raise DataError(path, problem, "let it end: the same dogsplat capture goes on")
             refuse_run(path)
         if not _has_cameras(path) and (inner := _data_sets_in(path)):
             problem = "has no cameras itself, and all of its images lie in folders that have some"
@@ -174,9 +179,10 @@ def _files(top: Path, suffixes: tuple[str, ...], without: Collection[Path] = ())
 
 
 def _is_result(folder: Path) -> bool:
-    """Whether a folder is a run, or what a search for poses has left that was stopped."""
+    """Whether a folder is a run, or what a search for poses or a capture has left that was stopped."""
     files = os.listdir(folder)
-    return are_of_run(files) or (SETTINGS in files and not find_model(folder))
+    stopped = (SETTINGS in files and not find_model(folder)) or (CAPTURE in files and not _has_cameras(folder))
+    return are_of_run(files) or stopped
 
 
 def _made_here(files: list[str]) -> bool:
