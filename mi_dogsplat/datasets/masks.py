@@ -5,6 +5,7 @@ What moves, or is no part of the scene, is painted black. A mask may be of any s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from unicodedata import normalize
@@ -19,6 +20,7 @@ from .photograph_names import PHOTOGRAPHS, PLAIN
 
 USED = 0.5  # grey level from which a pixel counts
 ONE = 1.01 / 255  # grey level of the number 1, in 8 bits and in more
+SAME_SHAPE = 0.02  # relative difference of the ratios of two sizes that are of one shape
 
 
 class Masks:
@@ -46,8 +48,9 @@ class Masks:
             return None
         grey, camera = read_image(path)[..., :3].mean(axis=2), view.camera  # [H', W']
         require_white(path, float(grey.max()))
+        source = view.straight.source if view.straight else camera
+        require_same_way(path, (grey.shape[1], grey.shape[0]), (source.width, source.height))
         if view.straight:
-            source = view.straight.source
             grey = view.straight.image(_resized(grey, source.width, source.height)[..., None])[..., 0]
         k = grey.shape[1] // camera.width  # as the image was downscaled, if it was: what is left over is cut off
         if k > 1 and grey.shape[0] // k == camera.height and grey.shape[1] // k == camera.width:
@@ -98,6 +101,16 @@ def require_white(path: Path, brightest: float) -> None:
     """Raise ``DataError`` for a mask whose brightest pixel, 0..1, is the number 1: all of it would be black."""
     if 0 < brightest <= ONE:
         raise DataError(path, "is of 0 and 1, which are both black", "multiply it by 255: white is what counts")
+
+
+def require_same_way(path: Path, mask: tuple[int, int], image: tuple[int, int]) -> None:
+    """Raise ``DataError`` for a mask that stands where its image lies, by their widths and heights: it was painted on
+    the image as EXIF turns it, and stretched to its size it would hide something else."""
+    across, of_mask = (math.log(width / height) for width, height in (image, mask))
+    if abs(across) > 2 * SAME_SHAPE and abs(across + of_mask) < SAME_SHAPE:
+        (width, height), (w, h) = mask, image
+        problem = f"is {width}x{height}, a quarter turn from its image, of {w}x{h}"
+        raise DataError(path, problem, "turn it, as the pixels of the image lie in its file")
 
 
 def no_mask(folder: Path, view: str) -> DataError:

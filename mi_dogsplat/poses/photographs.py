@@ -17,7 +17,7 @@ from ..datasets.color_profiles import Encoding, as_srgb, in_rgb, space_of
 from ..datasets.dataset import require_unique_names, view_name
 from ..datasets.heif import FORMAT as HEIF
 from ..datasets.images import UNREADABLE, open_image, read_image, stored, stored_size
-from ..datasets.masks import composed, mask_files, no_mask, require_white
+from ..datasets.masks import composed, mask_files, no_mask, require_same_way, require_white
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing
@@ -171,6 +171,7 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
         lies = _lies(photograph, path) if photograph.turn in QUARTER_TURNS else all_lie
         if lies and photograph.turn is not None:
             grey = grey.transpose(photograph.turn)
+        require_same_way(path, grey.size, (photograph.width, photograph.height))
         grey = grey.resize((photograph.width, photograph.height))
         used = np.asarray(grey) >= 128
         _write(Image.fromarray(np.where(used, 255, 0).astype(np.uint8)), target, "PNG")

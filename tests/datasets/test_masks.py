@@ -94,6 +94,19 @@ def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
         assert mask is not None and not mask.any()
 
 
+def test_a_mask_that_stands_where_its_image_lies_is_refused(tmp_path):
+    """As one that was painted on a photograph as EXIF turns it, where the poses are of its pixels as they lie."""
+    camera = tiny_data.cameras(1, 60, 40)[0]
+    view = View("a", camera, np.zeros((40, 60, 3), np.float32))
+    for width, height, fits in ((80, 120, False), (40, 59, False), (120, 80, True), (50, 50, True), (40, 80, True)):
+        Image.fromarray(np.full((height, width), 255, np.uint8)).save(tmp_path / "a.png")
+        if fits:
+            assert Masks(tmp_path, [view]).of(view) is not None
+            continue
+        with pytest.raises(DataError, match=f"a.png: is {width}x{height}, a quarter turn from its image, of 60x40; tu"):
+            Masks(tmp_path, [view]).of(view)
+
+
 @pytest.mark.parametrize(
     "mask",
     [

@@ -243,6 +243,16 @@ def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
         prepare_masks(tmp_path / "masks", made, tmp_path / "out" / "masks")
 
 
+def test_a_mask_that_stands_where_its_upright_image_lies_is_refused(tmp_path):
+    for name in ("in", "masks"):
+        (tmp_path / name).mkdir()
+    Image.fromarray(pixels()).save(tmp_path / "in" / "a.png")
+    Image.fromarray(np.rot90(pixels()[..., 0])).save(tmp_path / "masks" / "a.png")
+    made = prepared(tmp_path / "in", tmp_path / "out")
+    with pytest.raises(DataError, match="a.png: is 40x60, a quarter turn from its image, of 60x40; turn it"):
+        prepare_masks(tmp_path / "masks", made, tmp_path / "out" / "masks")
+
+
 def test_a_second_start_writes_nothing_again(tmp_path):
     (tmp_path / "in").mkdir()
     Image.fromarray(pixels()).save(tmp_path / "in" / "a.jpg", exif=tags(6))
