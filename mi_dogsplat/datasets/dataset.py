@@ -22,6 +22,7 @@ SPLITS = ("test", "validation")
 # of names of pictures that are written beside NAME.png of a view (evaluate.py, mixture.py, misfits.py)
 PICTURE_ENDS = ("_gt", "_error", "_gaussian", "_dog", "_plain", "_plain_error")
 MAX_FILE_NAME = 255  # bytes, on the usual file systems
+IMAGES = r"images(_\d+)?"  # folders of a data set's images, and of smaller copies
 
 T = TypeVar("T")
 
@@ -183,7 +184,7 @@ def view_name(file: str) -> str:
     path = Path(file.replace("\\", "/"))
     path = path.with_suffix("") if path.suffix[1:2].isalpha() else path
     parts = [part for part in path.parts if part not in (".", "..", "/")]
-    if len(parts) > 1 and re.fullmatch(r"images(_\d+)?", parts[0]):
+    if len(parts) > 1 and re.fullmatch(IMAGES, parts[0]):
         parts = parts[1:]
     return "_".join(parts)
 

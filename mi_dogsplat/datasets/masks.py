@@ -6,6 +6,7 @@ What moves, or is no part of the scene, is painted black. A mask may be of any s
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from unicodedata import normalize
@@ -14,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from ..support.errors import DataError
-from .dataset import View, view_name
+from .dataset import IMAGES, View, view_name
 from .images import box_downscale, read_image
 from .photograph_names import PHOTOGRAPHS, PLAIN
 
@@ -27,7 +28,7 @@ class Masks:
     """A folder with a picture per image, named as the image; images without one count whole.
 
     The mask of ``left/1.JPG`` is ``left/1.png``, of any format, or ``left/1.JPG.png``, as COLMAP has it, or
-    ``left_1.png``. Raises ``DataError`` if there is no such folder, or none for any of the ``views``.
+    ``left_1.png``. Raises ``DataError`` if there is no such folder, or none for any of the ``views``, or two for one.
     """
 
     def __init__(self, folder: str | Path, views: Sequence[View]):
@@ -64,13 +65,23 @@ def composed(name: str) -> str:
 
 
 def mask_files(folder: Path) -> dict[str, Path]:
-    """The masks of a folder, by the ``composed`` names of the views that they are of."""
+    """The masks of a folder, by the ``composed`` names of the views that they are of.
+
+    Where some lie beside a folder ``images``, as in that of a data set, what lies in this are its photographs. Raises
+    ``DataError`` for two of one view: one of them may be the photograph, and nothing tells which.
+    """
     paths: dict[str, Path] = {}
     found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in PLAIN)
+    beside = [path for path in found if not re.fullmatch(IMAGES, path.relative_to(folder).parts[0])]
+    found = beside or found
     names = [_views_of(path.relative_to(folder)) for path in found]
-    for likely in (0, 1):
-        for path, views in zip(found, names, strict=True):
-            paths.setdefault(views[likely], path)
+    for path, (likely, _) in zip(found, names, strict=True):
+        if other := paths.get(likely):
+            problem = f'would be a second mask of "{likely}", beside {other.relative_to(folder)}'
+            raise DataError(path, problem, "leave one of them there; photographs belong in another folder than masks")
+        paths[likely] = path
+    for path, (_, itself) in zip(found, names, strict=True):
+        paths.setdefault(itself, path)
     return paths
 
 

@@ -124,6 +124,27 @@ def test_a_mask_is_found_by_the_name_of_its_image_in_every_way_of_writing_it(tmp
     assert Masks(tmp_path, [other, named]).of(other) is None
 
 
+@pytest.mark.parametrize("first, second, view", [("1.JPG", "1.JPG.png", "1"), ("left/c.jpg", "left/c.webp", "left_c")])
+def test_photographs_beside_their_masks_are_not_taken_for_some(tmp_path, first, second, view):
+    for name in (first, second):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with pytest.raises(DataError, match=f'{second}: would be a second mask of "{view}", beside {first}; leave one'):
+        mask_files(tmp_path)
+
+
+def test_of_a_capture_with_masks_beside_its_images_these_are_no_masks(tmp_path):
+    for name in ("images/a.jpg", "images/b.jpg", "images_2/a.jpg", "b.png", "c/d.jpg.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    named = {view: path.relative_to(tmp_path).as_posix() for view, path in mask_files(tmp_path).items()}
+    assert named == {"b": "b.png", "c_d": "c/d.jpg.png", "c_d.jpg": "c/d.jpg.png"}
+    (tmp_path / "b.png").unlink()
+    (tmp_path / "c" / "d.jpg.png").unlink()
+    (tmp_path / "images_2" / "a.jpg").unlink()
+    assert set(mask_files(tmp_path)) == {"a", "b"}
+
+
 def test_what_downscaling_cuts_off_is_cut_off_masks_too(tmp_path):
     grey = np.zeros((7, 11), np.uint8)
     grey[:, 9:] = 255  # the columns that are left over when 11 are divided by 3
