@@ -108,9 +108,9 @@ class Development:
     @cached_property
     def gains(self) -> dict[Path, float]:
         """What makes up for the exposure of each raw photograph: 1 for the median. Where one does not say its exposure,
-        1 for all."""
+        or not all of it that another says, 1 for all."""
         exposures = {path: said.exposure for path, said in self.headers.items() if said.exposure}
-        if len(exposures) < len(self.headers):
+        if len(exposures) < len(self.headers) or len({said.said for said in self.headers.values()}) > 1:
             return dict.fromkeys(self.headers, 1.0)
         usual = float(np.median(list(exposures.values()))) if exposures else 1.0
         return {path: usual / exposure for path, exposure in exposures.items()}

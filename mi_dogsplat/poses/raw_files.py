@@ -33,12 +33,14 @@ class RawHeader:
 
     ``tags``: of EXIF. ``balance``: factors of red, green and blue that make what the camera took for white grey, or
     what is white by day where it does not say; green has 1. ``exposure``: light on the sensor times its gain, relative
-    to that of a second, ISO 100 and f/1; None where the file does not say it.
+    to that of a second, ISO 100 and f/1, which stand for what it does not say; None where it says no time. ``said``:
+    whether it says ISO and aperture.
     """
 
     tags: dict[int, Any]
     balance: Balance
     exposure: float | None
+    said: tuple[bool, bool]
 
 
 def is_raw(path: Path) -> bool:
@@ -53,7 +55,8 @@ def read_header(path: Path) -> RawHeader:
         red, green, blue = next(balance for balance in known if min(balance) > 0)
         taken = raw.other
         exposure = taken.shutter_speed * (taken.iso_speed or 100) / 100 / (taken.aperture or 1) ** 2
-        return RawHeader(_tags(path, raw), (red / green, 1.0, blue / green), exposure or None)
+        said = bool(taken.iso_speed), bool(taken.aperture)
+        return RawHeader(_tags(path, raw), (red / green, 1.0, blue / green), exposure or None, said)
 
 
 def develop(path: Path, balance: Balance, half: bool = False) -> NDArray[np.float32]:
