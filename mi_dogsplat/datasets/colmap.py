@@ -68,7 +68,8 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     observations = _observations(model, sources, images, views, points)
     train, test = views_named(views, train), views_named(views, test)
     colors = in_srgb(points.colors, [source.image_path for source in (relocated if prescaled else sources)])
-    dataset = Dataset(folder.parent, train, test, points.positions, colors, has_alpha, observations)
+    rig = rig_frames(sources)
+    dataset = Dataset(folder.parent, train, test, points.positions, colors, has_alpha, observations, rig)
     require_plausible(
         dataset, "COLMAP's images file holds world-to-camera poses (quaternion w x y z, then translation)"
     )

@@ -22,6 +22,7 @@ SPLITS = ("test", "validation")
 # of names of pictures that are written beside NAME.png of a view (evaluate.py, mixture.py, misfits.py)
 PICTURE_ENDS = ("_gt", "_error", "_gaussian", "_dog", "_plain", "_plain_error")
 MAX_FILE_NAME = 255  # bytes, on the usual file systems
+IMAGES = r"images(_\d+)?"  # folders of a data set's images, and of smaller copies
 
 T = TypeVar("T")
 
@@ -101,7 +102,8 @@ class Dataset:
     ``test`` is what is measured: the test views, or with the split "validation" those that the data have for that, or
     else views held out of the training views.
     ``has_alpha``: every image has a fourth channel (else none has). ``observations`` maps view names to what
-    the view sees; empty where the data do not say.
+    the view sees; empty where the data do not say. ``rig_frames`` has a number for each moment of a rig, by the names
+    of the views of that moment.
     """
 
     path: Path
@@ -111,6 +113,7 @@ class Dataset:
     point_colors: np.ndarray
     has_alpha: bool
     observations: dict[str, Observations] = field(default_factory=dict)
+    rig_frames: dict[str, int] = field(default_factory=dict)
 
     @property
     def views(self) -> list[View]:
@@ -181,7 +184,7 @@ def view_name(file: str) -> str:
     path = Path(file.replace("\\", "/"))
     path = path.with_suffix("") if path.suffix[1:2].isalpha() else path
     parts = [part for part in path.parts if part not in (".", "..", "/")]
-    if len(parts) > 1 and re.fullmatch(r"images(_\d+)?", parts[0]):
+    if len(parts) > 1 and re.fullmatch(IMAGES, parts[0]):
         parts = parts[1:]
     return "_".join(parts)
 

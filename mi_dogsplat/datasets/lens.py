@@ -176,9 +176,12 @@ def _largest_rectangle(
     )  # [axis, low and high], in pinhole coordinates
     focal, center, size = np.array([fx, fy]), np.array([cx, cy]), np.array([width, height])
     widest = lens.largest_radius / np.sqrt(2)
-    low = np.maximum(np.maximum(limits[:, 0], -widest) * focal, -center * MAX_GROWTH)  # px from the principal point
-    high = np.minimum(np.minimum(limits[:, 1], widest) * focal, (size - center) * MAX_GROWTH)
+    # px from the principal point, which may be outside of a photograph that was cut out of a larger one
+    first, last = (np.stack([end * MAX_GROWTH, end / MAX_GROWTH]) for end in (-center, size - center))
+    low = np.maximum(np.maximum(limits[:, 0], -widest) * focal, first.min(axis=0))
+    high = np.minimum(np.minimum(limits[:, 1], widest) * focal, last.max(axis=0))
     across, down = (int(n) for n in np.floor(np.clip(high - low, 0, MAX_GROWTH * max(width, height)) + 1e-6))
-    if min(across, down) < 1 or not (low < 0).all() or not (high > 0).all():
+    is_inside = (0 < center) & (center < size)
+    if min(across, down) < 1 or not (~is_inside | ((low < 0) & (high > 0))).all():
         raise ValueError(f"the lens {lens} leaves no pinhole image of a {width}x{height} photograph")
     return float(-low[0]), float(-low[1]), across, down

@@ -5,6 +5,8 @@ What moves, or is no part of the scene, is painted black. A mask may be of any s
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from unicodedata import normalize
@@ -13,19 +15,20 @@ import numpy as np
 from PIL import Image
 
 from ..support.errors import DataError
-from .dataset import View, view_name
+from .dataset import IMAGES, View, view_name
 from .images import box_downscale, read_image
+from .photograph_names import PHOTOGRAPHS, PLAIN
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp", ".ppm")  # in lower or upper case
 USED = 0.5  # grey level from which a pixel counts
 ONE = 1.01 / 255  # grey level of the number 1, in 8 bits and in more
+SAME_SHAPE = 0.02  # relative difference of the ratios of two sizes that are of one shape
 
 
 class Masks:
     """A folder with a picture per image, named as the image; images without one count whole.
 
     The mask of ``left/1.JPG`` is ``left/1.png``, of any format, or ``left/1.JPG.png``, as COLMAP has it, or
-    ``left_1.png``. Raises ``DataError`` if there is no such folder, or none for any of the ``views``.
+    ``left_1.png``. Raises ``DataError`` if there is no such folder, or none for any of the ``views``, or two for one.
     """
 
     def __init__(self, folder: str | Path, views: Sequence[View]):
@@ -46,8 +49,9 @@ class Masks:
             return None
         grey, camera = read_image(path)[..., :3].mean(axis=2), view.camera  # [H', W']
         require_white(path, float(grey.max()))
+        source = view.straight.source if view.straight else camera
+        require_same_way(path, (grey.shape[1], grey.shape[0]), (source.width, source.height))
         if view.straight:
-            source = view.straight.source
             grey = view.straight.image(_resized(grey, source.width, source.height)[..., None])[..., 0]
         k = grey.shape[1] // camera.width  # as the image was downscaled, if it was: what is left over is cut off
         if k > 1 and grey.shape[0] // k == camera.height and grey.shape[1] // k == camera.width:
@@ -61,13 +65,23 @@ def composed(name: str) -> str:
 
 
 def mask_files(folder: Path) -> dict[str, Path]:
-    """The masks of a folder, by the ``composed`` names of the views that they are of."""
+    """The masks of a folder, by the ``composed`` names of the views that they are of.
+
+    Where some lie beside a folder ``images``, as in that of a data set, what lies in this are its photographs. Raises
+    ``DataError`` for two of one view: one of them may be the photograph, and nothing tells which.
+    """
     paths: dict[str, Path] = {}
-    found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
+    found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in PLAIN)
+    beside = [path for path in found if not re.fullmatch(IMAGES, path.relative_to(folder).parts[0])]
+    found = beside or found
     names = [_views_of(path.relative_to(folder)) for path in found]
-    for likely in (0, 1):
-        for path, views in zip(found, names, strict=True):
-            paths.setdefault(views[likely], path)
+    for path, (likely, _) in zip(found, names, strict=True):
+        if other := paths.get(likely):
+            problem = f'would be a second mask of "{likely}", beside {other.relative_to(folder)}'
+            raise DataError(path, problem, "leave one of them there; photographs belong in another folder than masks")
+        paths[likely] = path
+    for path, (_, itself) in zip(found, names, strict=True):
+        paths.setdefault(itself, path)
     return paths
 
 
@@ -90,7 +104,7 @@ def folder_of_masks(mask: Path, view: str) -> Path | None:
 def _views_of(mask: Path) -> tuple[str, str]:
     """The ``composed`` names of the views that a mask may be of, by its path in the folder, the likelier one first: an
     image may itself be called 1.jpg.png."""
-    image = mask.with_suffix("") if Path(mask.stem).suffix.lower() in SUFFIXES else mask
+    image = mask.with_suffix("") if Path(mask.stem).suffix.lower() in PHOTOGRAPHS else mask
     return composed(view_name(str(image))), composed(view_name(str(mask)))
 
 
@@ -98,6 +112,16 @@ def require_white(path: Path, brightest: float) -> None:
     """Raise ``DataError`` for a mask whose brightest pixel, 0..1, is the number 1: all of it would be black."""
     if 0 < brightest <= ONE:
         raise DataError(path, "is of 0 and 1, which are both black", "multiply it by 255: white is what counts")
+
+
+def require_same_way(path: Path, mask: tuple[int, int], image: tuple[int, int]) -> None:
+    """Raise ``DataError`` for a mask that stands where its image lies, by their widths and heights: it was painted on
+    the image as EXIF turns it, and stretched to its size it would hide something else."""
+    across, of_mask = (math.log(width / height) for width, height in (image, mask))
+    if abs(across) > 2 * SAME_SHAPE and abs(across + of_mask) < SAME_SHAPE:
+        (width, height), (w, h) = mask, image
+        problem = f"is {width}x{height}, a quarter turn from its image, of {w}x{h}"
+        raise DataError(path, problem, "turn it, as the pixels of the image lie in its file")
 
 
 def no_mask(folder: Path, view: str) -> DataError:

@@ -58,7 +58,8 @@ def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: st
     views, has_alpha = load_views(sources, downscale, on_disk=on_disk)
     points, point_colors = _points(file, content, sources)
     train, test = views_named(views, train), views_named(views, test)
-    dataset = Dataset(file.parent, train, test, points, point_colors, has_alpha)
+    rig = rig_frames(sources)
+    dataset = Dataset(file.parent, train, test, points, point_colors, has_alpha, rig_frames=rig)
     require_plausible(dataset, CONVENTION)
     return dataset
 

@@ -18,6 +18,7 @@ SHIFTS = "places that depend on the view: drop (mean places), or keep where the 
 SPZ_VERSION = "version of an .spz: 3 or 4"
 SMALL = "SPZ, SOG: coarse grids and a palette, half the bytes or less; refined to lose little"
 REFINE = "steps that make up for what is left out, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
+MASKS = "folder of masks, named as the images of --data: black pixels are neither refined towards nor measured"
 VIEWS = "measure the loss on at most so many views; 0: on none"
 
 
@@ -32,6 +33,7 @@ class ExportConfig:
     spz_version: Annotated[int, Setting(SPZ_VERSION)] = SPZ_VERSIONS[0]
     small: Annotated[bool, Setting(SMALL)] = False
     refine: Annotated[int | None, Setting(REFINE, "STEPS", least=0)] = None
+    masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
     views: Annotated[int, Setting(VIEWS, least=0)] = 8
 
     def __post_init__(self) -> None:

@@ -11,7 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from ..datasets.dataset import Dataset
+import numpy as np
+
+from ..datasets.dataset import Dataset, View
+from ..datasets.masks import Masks
 from ..render.framing import robust_sphere
 from ..render.picture import background_color, photograph, picture_of, radiance_of
 from ..render.picture_options import PictureOptions
@@ -52,15 +55,28 @@ def steps_for(dataset: Dataset | None) -> int:
 
 
 def goal_of(
-    model: Splats, dataset: Dataset | None, most: int, options: PictureOptions, drawn: DrawnAs, up: str | None = None
+    model: Splats,
+    dataset: Dataset | None,
+    most: int,
+    options: PictureOptions,
+    drawn: DrawnAs,
+    up: str | None = None,
+    masks: Masks | None = None,
 ) -> Goal:
     """The photographs of a data set, or renders of the model, which stands ``up``, from at most ``most`` views."""
-    return by_data(model, dataset, most, options, drawn) if dataset else by_renders(model, most, drawn, up)
+    return by_data(model, dataset, most, options, drawn, masks) if dataset else by_renders(model, most, drawn, up)
 
 
-def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:
-    """Photographs of at most ``most`` training views; of a linear model and display-referred photographs renders from
-    there."""
+def by_data(
+    model: Splats,
+    dataset: Dataset,
+    most: int,
+    options: PictureOptions,
+    drawn: DrawnAs,
+    masks: Masks | None = None,
+) -> Goal:
+    """Photographs of at most ``most`` training views, and the model itself where their masks are black: there it is to
+    stay as it is. Of a linear model and display-referred photographs renders from there."""
     if dataset.white is not None:  # a display value of 1 is a radiance of 1
         dataset = dataset.exposed(drawn.white if drawn.linear else 1.0)
     views = dataset.train[:: -(-len(dataset.train) // most)]
@@ -71,7 +87,19 @@ def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions,
     else:
         taken = radiance_of if drawn.linear else photograph
         pictures = [taken(view, look.background) for view in views]
+        pictures = _unmasked(model, views, pictures, masks, look) if masks else pictures
     return Goal(cameras, pictures, look, BY_DATA)
+
+
+def _unmasked(
+    model: Splats, views: Sequence[View], pictures: list[Array], masks: Masks, look: Look
+) -> list[Array]:
+    """The pictures of the views, with what the model shows where masks are black."""
+    of_views = [masks.of(view) for view in views]
+    masked = [view.camera for view, mask in zip(views, of_views, strict=True) if mask is not None]
+    own = iter(rendered(model, masked, look))
+    pairs = zip(pictures, of_views, strict=True)
+    return [seen if mask is None else np.where(mask[..., None] > 0, seen, next(own)) for seen, mask in pairs]
 
 
 def by_renders(model: Splats, most: int, drawn: DrawnAs, up: str | None = None) -> Goal:

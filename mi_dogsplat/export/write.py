@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..datasets import load_dataset
+from ..datasets.masks import Masks, without_mask
 from ..datasets.world_config import WorldConfig
 from ..film.subject import read_subject
 from ..formats.model import Model
@@ -26,6 +27,7 @@ from ..scene.radiance import from_units_of_white
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..support.errors import DataError
+from ..support.settings import refuse
 from ..support.variants import require_arrays
 from ..support.wording import counted
 from .export_config import SMALL_GRIDS, ExportConfig
@@ -93,14 +95,18 @@ def export_model(
     if data and not (looked_at or page or world.scale):
         unused = "nothing is refined, and --views 0 measures nothing"
         left_out.append(f"of --data nothing but world.json is looked at: {unused}")
+    if config.masks and not looked_at:
+        refuse("masks", "is of photographs, and none are looked at", "add --data DATA, or leave it out")
     dataset = load_dataset(looked_at, options.shrink) if looked_at else None
+    masks = Masks(config.masks, dataset.views) if dataset and config.masks else None
+    left_out += without_mask(config.masks, (view.name for view in dataset.views)) if dataset else []
     steps = steps_for(dataset) if steps is None else steps
     if steps:
         if Unneeded.of(plain).invisible.all():
             problem = "all of its primitives are invisible, so that no step could make up for anything"
             raise DataError(model, problem, "add --refine 0, or use another model")
         start = time.perf_counter()
-        goal = goal_of(read.splats, dataset, steps, options, drawn, drawing.up)
+        goal = goal_of(read.splats, dataset, steps, options, drawn, drawing.up, masks)
         plain = stages[f"refined, {counted(steps, 'step')}"] = refined(plain, goal, steps, show, grids)
         seconds = time.perf_counter() - start
     elif grids:
@@ -113,7 +119,7 @@ def export_model(
         left_out += write_model(out, written, config.spz_version)
     if not config.views:
         return Exported(plain.n_splats, 0, [], left_out, seconds)
-    seen = views_of(stages[AS_IT_IS], dataset, config.views, options, drawn, drawing.up)
+    seen = views_of(stages[AS_IT_IS], dataset, config.views, options, drawn, drawing.up, masks)
     again = _in_units_of(drawn, read_page(out) if page else read_model(out), chosen)
     stages["read from the file"] = transformed(again, np.linalg.inv(matrix))
     return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out, seconds)

@@ -52,7 +52,7 @@ def make_film(
     def around() -> Surroundings:
         return around_model(splats, up, config.fov)
 
-    path = chosen_path(config, subject.data.cameras, up, around, subject.missing, subject.model)
+    path = chosen_path(config, subject.data, up, around, subject.missing, subject.model)
     return record(output, path, lambda: ModelFrames(subject, output.in_linear_light), config, progress)
 
 

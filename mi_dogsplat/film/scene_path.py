@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from ..datasets.given_cameras import auto_up, told, unmirrored
@@ -33,10 +32,9 @@ def path_through(drawn: SceneToDraw, data: DataCameras, config: FilmConfig) -> C
         whole, _ = load_scene(drawn.file, defined=drawn.options.defined)  # where each shape has its own bounding box
         return around_camera(own, framing_sphere(drawn.file, whole)[0], up, config.fov)
 
-    cameras: Sequence[Camera] = data.cameras
-    if config.path == "cameras" and not cameras:
-        cameras = _sensors(drawn)
-    path = chosen_path(config, cameras, up, around)
+    if config.path == "cameras" and not data.cameras:
+        data = DataCameras(_sensors(drawn))
+    path = chosen_path(config, data, up, around)
     return replace(path, size=path.size or (own.width, own.height))
 
 

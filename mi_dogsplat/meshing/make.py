@@ -61,7 +61,7 @@ def make_mesh(
     options.require_for(drawn.linear)
     said = read.drawing
     if data:
-        dataset = load_dataset(data, options.shrink)
+        dataset = load_dataset(data, options.shrink, spp=1, on_disk=True)  # no picture is looked at
         cameras, said = [view.camera for view in dataset.train], said.over(read_world(dataset.path).drawing)
     else:
         cameras = vantage_cameras(splats, config.views, config.size, 0, config.inside, read.drawing.up)

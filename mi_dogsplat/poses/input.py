@@ -8,8 +8,8 @@ from pathlib import Path
 
 from ..datasets import exr, heif
 from ..datasets.colmap import find_model
-from ..datasets.masks import SUFFIXES
 from ..datasets.numbered_models import numbered_models
+from ..datasets.photograph_names import NEWER, PHOTOGRAPHS, PLAIN, RAW
 from ..datasets.run_folders import refuse_run
 from ..datasets.transforms import find_transforms
 from ..support.errors import DataError
@@ -19,11 +19,10 @@ from . import raw_files
 from .config import SETTINGS
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")
-NEWER = (".avif", ".jxl")  # Pillow reads neither of them everywhere
-PHOTOGRAPHS = (*SUFFIXES, *heif.SUFFIXES, *NEWER, *raw_files.SUFFIXES, exr.SUFFIX)
 MASKS = "masks"  # the name of their folder
 FEWEST = 2
-OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
+CAPTURE = "capture.json"
+OURS = {SETTINGS, CAPTURE, "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
 
 
 def is_video(path: Path) -> bool:
@@ -45,7 +44,8 @@ def find_photographs(folder: Path, out: Path, masks: Path | None = None, linear:
     """Images of a folder and of those below it, by their names in there, sorted.
 
     Either all of them are images of linear light (``light.is_light``), or none is. Where there are others beside them,
-    raw photographs and OpenEXR are taken if ``linear`` asks for it. A picture in several formats counts once.
+    raw photographs and OpenEXR are taken if ``linear`` asks for it. What a camera wrote in several formats counts once:
+    HEIC beside a JPEG of its name, and raw photographs beside either.
 
     Left out: what lies in ``out``, in results of other commands (``_made_here``), in ``masks`` and in folders of
     that name, in hidden ones; and all but ``images`` where there is such a folder, as others beside it hold smaller
@@ -54,7 +54,7 @@ def find_photographs(folder: Path, out: Path, masks: Path | None = None, linear:
     """
     top = folder / "images" if (folder / "images").is_dir() else folder
     without = {path.resolve() for path in (out, masks) if path is not None}
-    kinds = SUFFIXES, heif.SUFFIXES, NEWER, raw_files.SUFFIXES, (exr.SUFFIX,)
+    kinds = PLAIN, heif.SUFFIXES, NEWER, RAW, (exr.SUFFIX,)
     shown, of_phones, newer, raw, light = (_files(top, suffixes, without) for suffixes in kinds)
     shown = sorted(shown + _others(of_phones, shown))
     found = (raw or light) if linear else (shown or raw or light)
@@ -126,7 +126,8 @@ def require_input(path: Path) -> None:
     """Raise ``DataError`` for what is neither a folder of photographs nor a video.
 
     Such is a run: its pictures are renders. And so is a folder in which poses are still looked for, as not all
-    photographs may have been copied into it, and one all of whose photographs lie in data sets.
+    photographs may have been copied into it, a capture of a scene that was stopped, which gets its cameras at its end,
+    and one all of whose photographs lie in data sets.
     """
     if not path.exists():
         raise DataError(path, "no such file or folder", "check the path")
@@ -135,13 +136,16 @@ def require_input(path: Path) -> None:
             if (path / SETTINGS).is_file():
                 problem = "has no poses yet: the search for them was stopped, or found none"
                 raise DataError(path, problem, "give the photographs that it was begun with, or what has poses")
+            if (path / CAPTURE).is_file():
+                problem = "is a capture of a scene that was stopped, whose cameras are written at its end"
+                raise DataError(path, problem, "let it end: the same dogsplat capture goes on")
             refuse_run(path)
         if not _has_cameras(path) and (inner := _data_sets_in(path)):
             problem = "has no cameras itself, and all of its images lie in folders that have some"
             raise DataError(path, problem, f"give {'one of these, such as ' * (len(inner) > 1)}{inner[0]}")
         return
     if not is_video(path):
-        one = "a single image" if path.suffix.lower() in SUFFIXES else "neither a folder of images nor a video"
+        one = "a single image" if path.suffix.lower() in PLAIN else "neither a folder of images nor a video"
         raise DataError(path, f"is {one}", f"give a folder of images, or a video ({', '.join(VIDEOS[:5])})")
 
 
@@ -175,9 +179,10 @@ def _files(top: Path, suffixes: tuple[str, ...], without: Collection[Path] = ())
 
 
 def _is_result(folder: Path) -> bool:
-    """Whether a folder is a run, or what a search for poses has left that was stopped."""
+    """Whether a folder is a run, or what a search for poses or a capture has left that was stopped."""
     files = os.listdir(folder)
-    return are_of_run(files) or (SETTINGS in files and not find_model(folder))
+    stopped = (SETTINGS in files and not find_model(folder)) or (CAPTURE in files and not _has_cameras(folder))
+    return are_of_run(files) or stopped
 
 
 def _made_here(files: list[str]) -> bool:

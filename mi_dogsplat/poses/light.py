@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from PIL import ExifTags
 
 from ..datasets.auto_exposure import MAX_VIEWS, white_of_lights
-from ..datasets.dataset import require_unique_names, view_name
 from ..datasets.exr import SUFFIX, is_exr, read_exr
 from ..datasets.images import TURNS, header, image_size, straight_color
 from ..support.cores import usable_cores
@@ -28,7 +27,7 @@ from ..support.files import replacing
 from ..support.pictures import write_radiance
 from ..support.srgb import displayed, luminance
 from .exif import Exif, exif_of_upright
-from .photographs import Photograph, camera_of, solid_name
+from .photographs import Photograph, camera_of, require_own_names, solid_name
 from .raw_files import Balance, RawHeader, develop, is_raw, read_header
 from .resampled import write_resampled
 
@@ -55,7 +54,7 @@ def prepare_light(
     In the order of the names, which change as in ``prepare``. Without ``radiance`` no light is written. Files of
     OpenEXR are copied as they are. Raises ``DataError`` for a file that cannot be read.
     """
-    require_unique_names(shown, [view_name(solid_name(name)) for name in sources])
+    require_own_names(sources, shown)
     headers = {path: read_header(path) for path in sources.values() if is_raw(path)}
     development = Development(headers, list(sources.values()))
     made = [_Made.of(solid_name(name), source, shown, radiance) for name, source in sources.items()]
@@ -109,9 +108,9 @@ class Development:
     @cached_property
     def gains(self) -> dict[Path, float]:
         """What makes up for the exposure of each raw photograph: 1 for the median. Where one does not say its exposure,
-        1 for all."""
+        or not all of it that another says, 1 for all."""
         exposures = {path: said.exposure for path, said in self.headers.items() if said.exposure}
-        if len(exposures) < len(self.headers):
+        if len(exposures) < len(self.headers) or len({said.said for said in self.headers.values()}) > 1:
             return dict.fromkeys(self.headers, 1.0)
         usual = float(np.median(list(exposures.values()))) if exposures else 1.0
         return {path: usual / exposure for path, exposure in exposures.items()}

@@ -75,7 +75,7 @@ def _pairs(content: Any, images: Sequence[Any], video: bool, seed: int) -> list[
     n = len(images)
     if n <= (EXHAUSTIVE_VIDEO if video else EXHAUSTIVE):
         return [(i, j) for i in range(n) for j in range(i + 1, n)]
-    similarity = similarities([content.read_descriptors(image.image_id).data for image in images], seed)
+    similarity = similarities((content.read_descriptors(image.image_id).data for image in images), seed)
     return pairs_of_video(similarity) if video else pairs_of_many(similarity)
 
 

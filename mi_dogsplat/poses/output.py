@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..datasets.colmap import read_sources
+from ..datasets.exr import is_exr
 from ..datasets.images import read_image
 from ..datasets.lens import Undistortion, undistortion
+from ..datasets.masks import composed, mask_files
 from ..datasets.point_colors import in_srgb
 from ..support.errors import DataError
 from .colmap_database import require_room
@@ -59,16 +61,15 @@ def undistort(
     """
     model = distorted / "sparse" / "0"
     sources, images = read_sources(model, distorted / "images")
-    straight = {}
+    straight, masks = {}, mask_files(distorted / "masks")  # which have the names of what a screen shows of OpenEXR
     for number, (source, image) in enumerate(zip(sources, images, strict=True), 1):
         try:
             straight[image.name] = undistortion(source.camera, source.lens)
         except ValueError as error:
             raise DataError(source.image_path, str(error), "use another --lens") from error
         _resample(source.image_path, out / "images" / image.name, straight[image.name])
-        mask = Path("masks", f"{image.name}.png")
-        if (distorted / mask).is_file():
-            _resample(distorted / mask, out / mask, straight[image.name])
+        if mask := masks.get(composed(source.name)):
+            _resample(mask, out / mask.relative_to(distorted), straight[image.name])
         progress(number, len(sources))
     made = _pinhole(pycolmap, pycolmap.Reconstruction(str(model)), straight)
     points = list(made.points3D.values())
@@ -82,7 +83,7 @@ def undistort(
 def _resample(source: Path, target: Path, how: Undistortion) -> None:
     if target.is_file():
         return
-    write_resampled(how.image(read_image(source)), target)
+    write_resampled(how.image(read_image(source), unlimited=is_exr(source)), target)
 
 
 def _pinhole(pycolmap: Any, model: Any, straight: dict[str, Undistortion]) -> Any:

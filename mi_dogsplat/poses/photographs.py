@@ -17,7 +17,7 @@ from ..datasets.color_profiles import Encoding, as_srgb, in_rgb, space_of
 from ..datasets.dataset import require_unique_names, view_name
 from ..datasets.heif import FORMAT as HEIF
 from ..datasets.images import UNREADABLE, open_image, read_image, stored, stored_size
-from ..datasets.masks import composed, mask_files, no_mask, require_white
+from ..datasets.masks import composed, mask_files, no_mask, require_same_way, require_white
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing
@@ -54,7 +54,7 @@ def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, 
     in their names becomes ``_``, as COLMAP's text files have it between names, and so do a ``#`` that begins a name, as
     it begins comments there, and bytes that are no UTF-8. Raises ``DataError`` for a file that cannot be decoded.
     """
-    require_unique_names(folder, [view_name(solid_name(name)) for name in sources])
+    require_own_names(sources, folder)
     made: list[Photograph] = []
     with ThreadPoolExecutor(min(8, usable_cores())) as pool:  # Pillow decodes without holding the GIL
         for photograph in pool.map(lambda item: _prepared(item[0], item[1], folder), sources.items()):
@@ -69,7 +69,7 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
         copied = exif.turn is None and image.mode in AS_THEY_ARE.get(kind, "").split()
         made = "JPEG" if kind in LOSSY and "A" not in image.getbands() else "PNG"
         target = folder / solid_name(name)
-        if not copied and kind != "JPEG":
+        if kind != "JPEG" and not (copied and target.suffix.lower() == SUFFIXES[made]):  # what follows goes by the name
             target = target.with_suffix(SUFFIXES[made])
         missing, space = not target.is_file(), space_of(image)
         width, height = stored_size(image)[:: -1 if exif.turn in QUARTER_TURNS else 1]
@@ -82,6 +82,19 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
             shutil.copyfile(source, part)
     camera, written = camera_of(exif.device, (width, height)), target.relative_to(folder).as_posix()
     return Photograph(written, width, height, camera, exif.focal, exif.turn, exif.down)
+
+
+def require_own_names(sources: Mapping[str, Path], folder: Path) -> None:
+    """Raise ``DataError`` where two images, as a JPEG and a TIFF of one name, would be one view of the data set in
+    ``folder``, and for what ``require_unique_names`` does."""
+    paths: dict[str, Path] = {}
+    for name, path in sources.items():
+        view = view_name(solid_name(name))
+        if view in paths:
+            problem = f'two views have the name "{view}", of this image and of {paths[view].name}'
+            raise DataError(path, problem, "keep one of them, or rename it")
+        paths[view] = path
+    require_unique_names(folder, list(paths))
 
 
 def camera_of(device: str, size: tuple[int, int]) -> str:
@@ -158,6 +171,7 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
         lies = _lies(photograph, path) if photograph.turn in QUARTER_TURNS else all_lie
         if lies and photograph.turn is not None:
             grey = grey.transpose(photograph.turn)
+        require_same_way(path, grey.size, (photograph.width, photograph.height))
         grey = grey.resize((photograph.width, photograph.height))
         used = np.asarray(grey) >= 128
         _write(Image.fromarray(np.where(used, 255, 0).astype(np.uint8)), target, "PNG")

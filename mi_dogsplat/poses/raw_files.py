@@ -18,13 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..datasets.photograph_names import RAW
 from ..support.errors import DataError
 from .exif import tags_of
 
-SUFFIXES = (
-    ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".rwl", ".srw", ".pef",
-    ".3fr", ".fff", ".iiq", ".x3f", ".gpr", ".mrw", ".erf", ".dcr", ".kdc",
-)  # fmt: skip
 TIFF = (b"II*\0", b"MM\0*")  # how most raw files begin, DNG among them
 SATURATED = 65535  # the level that a sensor's largest becomes
 Balance = tuple[float, float, float]
@@ -36,17 +33,19 @@ class RawHeader:
 
     ``tags``: of EXIF. ``balance``: factors of red, green and blue that make what the camera took for white grey, or
     what is white by day where it does not say; green has 1. ``exposure``: light on the sensor times its gain, relative
-    to that of a second, ISO 100 and f/1; None where the file does not say it.
+    to that of a second, ISO 100 and f/1, which stand for what it does not say; None where it says no time. ``said``:
+    whether it says ISO and aperture.
     """
 
     tags: dict[int, Any]
     balance: Balance
     exposure: float | None
+    said: tuple[bool, bool]
 
 
 def is_raw(path: Path) -> bool:
     """Whether a file is called like a raw photograph."""
-    return path.suffix.lower() in SUFFIXES
+    return path.suffix.lower() in RAW
 
 
 def read_header(path: Path) -> RawHeader:
@@ -56,7 +55,8 @@ def read_header(path: Path) -> RawHeader:
         red, green, blue = next(balance for balance in known if min(balance) > 0)
         taken = raw.other
         exposure = taken.shutter_speed * (taken.iso_speed or 100) / 100 / (taken.aperture or 1) ** 2
-        return RawHeader(_tags(path, raw), (red / green, 1.0, blue / green), exposure or None)
+        said = bool(taken.iso_speed), bool(taken.aperture)
+        return RawHeader(_tags(path, raw), (red / green, 1.0, blue / green), exposure or None, said)
 
 
 def develop(path: Path, balance: Balance, half: bool = False) -> NDArray[np.float32]:

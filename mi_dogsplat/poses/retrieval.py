@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -12,11 +12,15 @@ PER_IMAGE = 2_000  # descriptors of an image that are looked at: those found at 
 ROUNDS = 10  # of k-means
 
 
-def similarities(descriptors: Sequence[np.ndarray], seed: int) -> np.ndarray:
-    """Cosines float32 [I, I] between images, by their descriptors: [F, 128] for each, F may be 0."""
-    thinned = [_root(d[:: max(1, len(d) // PER_IMAGE)][:PER_IMAGE]) for d in descriptors]
+def similarities(descriptors: Iterable[np.ndarray], seed: int) -> np.ndarray:
+    """Cosines float32 [I, I] between images, by their descriptors: [F, 128] for each, F may be 0.
+
+    Those of one image after the other are taken, and of each but ``PER_IMAGE`` are kept, as they are: of thousands of
+    photographs all would be tens of gigabytes.
+    """
+    thinned = [d[:: max(1, len(d) // PER_IMAGE)][:PER_IMAGE].copy() for d in descriptors]
     words = _words(thinned, np.random.default_rng(seed))  # [WORDS, 128]
-    vectors = np.stack([_vlad(d, words) for d in thinned])  # [I, WORDS * 128]
+    vectors = np.stack([_vlad(_root(d), words) for d in thinned])  # [I, WORDS * 128]
     return vectors @ vectors.T
 
 
@@ -36,11 +40,13 @@ def _root(descriptors: np.ndarray) -> np.ndarray:
 
 
 def _words(descriptors: Sequence[np.ndarray], rng: np.random.Generator) -> np.ndarray:
-    """Means [WORDS, 128] of clusters of all descriptors."""
-    everything = np.concatenate(descriptors)
-    if not len(everything):
+    """Means [WORDS, 128] of clusters of all descriptors, by a sample of them."""
+    ends = np.cumsum([len(d) for d in descriptors])
+    if not ends[-1]:
         return np.zeros((1, 128), np.float32)
-    sample = everything[rng.permutation(len(everything))[:SAMPLE]]
+    chosen = rng.permutation(ends[-1])[:SAMPLE]
+    images = np.searchsorted(ends, chosen, side="right")
+    sample = _root(np.stack([descriptors[i][k - ends[i]] for i, k in zip(images, chosen, strict=True)]))
     words = sample[:WORDS]
     for _ in range(ROUNDS):
         nearest_word = _nearest_words(sample, words)  # [S]

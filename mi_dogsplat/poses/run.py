@@ -150,7 +150,10 @@ def find_poses(
     pycolmap = pycolmap_module(config.gpu)
     masks = mask_folder(source, config.masks)
     photographs = {} if is_video(source) else find_photographs(source, out, masks, config.linear)
-    linear = config.linear or any(is_exr(path) for path in photographs.values())
+    light = next((path for path in photographs.values() if is_exr(path)), None)
+    if light and config.panoramas:
+        raise DataError(light, "is OpenEXR, of which no panoramas are cut", "export the panoramas as JPEG or PNG")
+    linear = config.linear or light is not None
     if photographs:
         lens = lens_of_photographs((p for p in photographs.values() if not is_light(p)), config.lens)
     else:

@@ -70,7 +70,7 @@ def _camera(
     from ..datasets import load_dataset  # here: it needs the extra "train", a model alone does not
     from ..datasets.dataset import view_meant
 
-    dataset = load_dataset(data, downscale, on_disk=True)  # their cameras are asked for, and no photograph
+    dataset = load_dataset(data, downscale, spp=1, on_disk=True)  # their cameras are asked for, and no picture
     views = {view.name: view for view in dataset.test + dataset.train}
     told, folder = str(camera or next(iter(views))), Path(data)
     name = view_meant(told, views, folder if folder.is_dir() else folder.parent)

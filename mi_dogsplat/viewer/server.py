@@ -251,6 +251,7 @@ def serve(
         raise DataError("--port", f"{port} is no port", "use 1 to 65535")
     source = Source(Path(model))
     dataset = _dataset(data, source, options)
+    options.require_use(images=dataset is not None, pictures=True)
     has_alpha = dataset is not None and dataset.has_alpha
     background = background_color(options.or_trained(source.config).background, has_alpha)
     server = Server(source, dataset, background, options, host, port)

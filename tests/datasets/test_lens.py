@@ -1,5 +1,6 @@
 """Lens distortion: pycolmap is the oracle of the formulas; photographs are straightened when they are loaded."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -108,6 +109,22 @@ def test_a_straightened_photograph_is_that_of_the_pinhole(tmp_path, name):
     # a shift by 0.05 px would change the texture by 0.05 px * 12 / f * 0.4
     tolerance = 0.05 * 12 / c.fx * 0.4
     assert inside.mean() > 0.3 and np.abs(got - expected)[inside].max() < tolerance
+
+
+@each_lens
+@pytest.mark.parametrize("corner", [(190, 30), (20, 135), (185, 130)], ids=["right", "below", "both"])
+def test_a_photograph_that_was_cut_out_beside_the_principal_point_is_straightened_too(tmp_path, name, corner):
+    (whole, lens), (left, top), (width, height) = read(tmp_path, name), corner, (110, 80)
+    part = replace(whole, cx=whole.cx - left, cy=whole.cy - top, width=width, height=height)
+    straight = undistortion(part, lens)
+    c, source = straight.camera, straight.source_pixels()
+    assert c.width > 0.7 * width and c.height > 0.7 * height
+    assert source.min() > -0.05 and (source.reshape(-1, 2).max(0) < (width + 0.05, height + 0.05)).all()
+    y, x = np.mgrid[0 : c.height, 0 : c.width] + 0.5
+    expected = scene_color(np.stack([(x - c.cx) / c.fx, (y - c.cy) / c.fy], -1))
+    got = straight.image(photograph(name)[top : top + height, left : left + width])
+    inside = (source > 4).all(-1) & (source < (width - 4, height - 4)).all(-1)
+    assert inside.mean() > 0.3 and np.abs(got - expected)[inside].max() < 0.05 * 12 / c.fx * 0.4
 
 
 def test_a_lens_that_folds_back_within_the_image_is_cut_before_it_does():

@@ -94,9 +94,26 @@ def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
         assert mask is not None and not mask.any()
 
 
+def test_a_mask_that_stands_where_its_image_lies_is_refused(tmp_path):
+    """As one that was painted on a photograph as EXIF turns it, where the poses are of its pixels as they lie."""
+    camera = tiny_data.cameras(1, 60, 40)[0]
+    view = View("a", camera, np.zeros((40, 60, 3), np.float32))
+    for width, height, fits in ((80, 120, False), (40, 59, False), (120, 80, True), (50, 50, True), (40, 80, True)):
+        Image.fromarray(np.full((height, width), 255, np.uint8)).save(tmp_path / "a.png")
+        if fits:
+            assert Masks(tmp_path, [view]).of(view) is not None
+            continue
+        with pytest.raises(DataError, match=f"a.png: is {width}x{height}, a quarter turn from its image, of 60x40; tu"):
+            Masks(tmp_path, [view]).of(view)
+
+
 @pytest.mark.parametrize(
-    "mask", ["left/1.png", "left/1.JPG", "left/1.JPG.png", "left_1.webp", "left/1.PNG.png", "images/left/1.tif.png"]
-)
+    "mask",
+    [
+        "left/1.png", "left/1.JPG", "left/1.JPG.png", "left_1.webp", "left/1.PNG.png", "images/left/1.tif.png",
+        "left/1.HEIC.png", "left/1.hif.PNG", "left_1.CR2.png", "left/1.exr.webp", "left/1.jxl.png",
+    ],
+)  # fmt: skip
 def test_a_mask_is_found_by_the_name_of_its_image_in_every_way_of_writing_it(tmp_path, mask):
     camera, image = tiny_data.cameras(1, 2, 2)[0], np.zeros((2, 2, 3), np.float32)
     named, other = (View(name, camera, image) for name in ("left_1", "left_11"))
@@ -105,6 +122,27 @@ def test_a_mask_is_found_by_the_name_of_its_image_in_every_way_of_writing_it(tmp
     found = Masks(tmp_path, [other, named]).of(named)
     assert found is not None and found.tolist() == [[0, 1], [1, 0]]
     assert Masks(tmp_path, [other, named]).of(other) is None
+
+
+@pytest.mark.parametrize("first, second, view", [("1.JPG", "1.JPG.png", "1"), ("left/c.jpg", "left/c.webp", "left_c")])
+def test_photographs_beside_their_masks_are_not_taken_for_some(tmp_path, first, second, view):
+    for name in (first, second):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with pytest.raises(DataError, match=f'{second}: would be a second mask of "{view}", beside {first}; leave one'):
+        mask_files(tmp_path)
+
+
+def test_of_a_capture_with_masks_beside_its_images_these_are_no_masks(tmp_path):
+    for name in ("images/a.jpg", "images/b.jpg", "images_2/a.jpg", "b.png", "c/d.jpg.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    named = {view: path.relative_to(tmp_path).as_posix() for view, path in mask_files(tmp_path).items()}
+    assert named == {"b": "b.png", "c_d": "c/d.jpg.png", "c_d.jpg": "c/d.jpg.png"}
+    (tmp_path / "b.png").unlink()
+    (tmp_path / "c" / "d.jpg.png").unlink()
+    (tmp_path / "images_2" / "a.jpg").unlink()
+    assert set(mask_files(tmp_path)) == {"a", "b"}
 
 
 def test_what_downscaling_cuts_off_is_cut_off_masks_too(tmp_path):

@@ -43,6 +43,7 @@ def test_views_of_one_moment_are_on_one_side_of_a_split(rig, text, split, n_trai
     model, dataset = model_of(rig, text), load_dataset(rig, split=split)
     moments = {Path(image.name).stem: image.frame_id for image in model.images.values()}
     trained, measured = ({moments[view.name] for view in views} for views in (dataset.train, dataset.test))
+    assert dataset.rig_frames == {view.name: moments[view.name] for view in dataset.views}
     assert not trained & measured and (len(dataset.train), len(dataset.test)) == (n_train, n_test)
 
 

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import mitsuba as mi
 import numpy as np
 import tiny_data
 from command_line import run
@@ -11,7 +12,9 @@ from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.make import make_film
 from mi_dogsplat.film.subject import read_subject
 from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.render.viewpoint import viewpoint
 from rendered_files import read_png
+from scene_files import scene_file
 
 FEW = FilmConfig(seconds=0.25, fps=8, size=(32, 24))
 
@@ -53,6 +56,15 @@ def test_a_film_takes_the_cameras_of_smaller_images_where_there_are_no_others(mo
     found = read_subject(model, tmp_path, PictureOptions()).data.cameras
     np.testing.assert_array_equal([camera.w2c for camera in found], [camera.w2c for camera in cameras])
     assert found[0].width == 5
+
+
+def test_of_a_scene_as_data_the_cameras_alone_are_wanted(model, tmp_path, monkeypatch):
+    """Its pictures would take minutes."""
+    scene, asked, render = scene_file(tmp_path), [], mi.render
+    monkeypatch.setattr(mi, "render", lambda *args, **named: asked.append(named["spp"]) or render(*args, **named))
+    assert len(read_subject(model, scene, PictureOptions()).data.cameras) == 3
+    assert viewpoint(tiny_data.truth(), scene).name == "sensor_000"
+    assert asked == [1] * 6
 
 
 def test_a_run_finds_its_data_from_another_working_folder(model, data, tmp_path, monkeypatch):

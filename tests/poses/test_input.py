@@ -177,6 +177,17 @@ def test_a_run_is_no_capture_nor_is_what_a_search_has_left(tmp_path):
     assert not needs_poses(stopped)
 
 
+def test_a_capture_that_was_stopped_is_no_photographs(tmp_path):
+    """Its cameras are known, and written last: poses would be looked for with the pictures that are there by then."""
+    stopped = touch(tmp_path / "data", "capture.json", "images/000.png", "images/001.png")
+    assert needs_poses(stopped)  # so that it is told
+    with pytest.raises(DataError, match="data: is a capture of a scene that was stopped, .*; let it end: the same"):
+        require_input(stopped)
+    touch(stopped, "transforms.json")
+    assert not needs_poses(stopped)
+    require_input(stopped)
+
+
 def test_a_number_of_frames_is_for_videos(tmp_path):
     with pytest.raises(DataError, match="--frames: is for videos, and .*photos is a folder of images; leave it out"):
         find_poses(touch(tmp_path / "photos", "1.jpg", "2.jpg"), tmp_path / "out", PosesConfig(frames=7))

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from apple_notes import apple_note
-from dng_files import SHORT, UNDEFINED, write_dng
+from dng_files import RATIONAL, SHORT, UNDEFINED, write_dng
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.exr import read_exr
 from mi_dogsplat.datasets.images import read_image
@@ -21,7 +21,7 @@ from posed_room import N
 pytest.importorskip("rawpy", reason="needs rawpy: pip install 'mi_dogsplat[poses]'")
 BLOCK = 16  # pixels of a side of one colour
 NEUTRAL = (0.5, 1.0, 0.7)
-FOCAL_35MM, MAKER_NOTE = 0xA405, 0x927C
+FOCAL_35MM, MAKER_NOTE, F_NUMBER, ISO = 0xA405, 0x927C, 0x829D, 0x8827
 
 
 def scene() -> np.ndarray:
@@ -59,6 +59,21 @@ def test_nothing_is_divided_out_where_a_file_does_not_say_its_exposure(tmp_path)
     prepared(tmp_path / "in", tmp_path)
     for light, gain in zip(lights(tmp_path).values(), (2, 1, 0.5), strict=True):
         np.testing.assert_allclose(light, gain * inside(scene()), rtol=0.01)
+
+
+@pytest.mark.parametrize("tag, kind", [(F_NUMBER, RATIONAL), (ISO, SHORT)])
+def test_nothing_is_divided_out_where_one_file_lacks_the_aperture_or_iso_that_others_say(tmp_path, tag, kind):
+    """As where a lens has lost its contact: it would be 16 times as dark as the others. Where all lack it, as with a
+    lens that has none, times are divided out."""
+    (tmp_path / "in").mkdir()
+    for lacking, gains in ((1,), (1, 1, 1)), ((0, 1, 2), (1, 0.5, 1)):
+        for k in range(3):
+            unsaid = {tag: (kind, 0)} if k in lacking else None
+            taken = (0.04 * (1 + k % 2), 400, 4.0)
+            write_dng(tmp_path / "in" / f"{k}.dng", scene(), exposure=taken, exif=unsaid)
+        prepared(tmp_path / "in", tmp_path / str(len(lacking)))
+        for k, (light, gain) in enumerate(zip(lights(tmp_path / str(len(lacking))).values(), gains, strict=True)):
+            np.testing.assert_allclose(light, gain * (1 + k % 2) * inside(scene()), rtol=0.01)
 
 
 def test_photographs_of_a_device_share_the_median_of_its_white_balances(tmp_path):
@@ -184,4 +199,9 @@ def test_linear_is_refused_where_there_is_no_light_to_keep(tmp_path, room):
         find_poses(room / "pictures", tmp_path / "out", PosesConfig(linear=True))
     with pytest.raises(DataError, match="--linear: is not made of panoramas"):
         PosesConfig(linear=True, lens="EQUIRECTANGULAR")
+    (tmp_path / "around").mkdir()
+    for name in ("a.exr", "b.exr"):
+        write_radiance(tmp_path / "around" / name, np.full((8, 16, 3), 0.3))
+    with pytest.raises(DataError, match="around/a.exr: is OpenEXR, of which no panoramas are cut; export"):
+        find_poses(tmp_path / "around", tmp_path / "out", PosesConfig(lens="EQUIRECTANGULAR"))
     assert not (tmp_path / "out").exists()

@@ -1,5 +1,7 @@
 """Which pairs of images are matched, and what the matches say about a capture."""
 
+import weakref
+from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -79,15 +81,22 @@ class Asked:
     pairs: list[tuple[str, str]] = field(default_factory=list)  # of names, in all calls
     seeds: set[int] = field(default_factory=set)
     on_gpu: set[bool] = field(default_factory=set)
+    together: int = 0  # images whose descriptors were held when others were read, at most
 
 
 @pytest.fixture
 def matched(tmp_path, monkeypatch):
     """What is asked for images of these names, of which none looks like another; in all calls."""
     pycolmap, asked = pytest.importorskip("pycolmap"), Asked()
-    nothing = SimpleNamespace(data=np.zeros((0, 128), np.uint8))
+    read: list[weakref.ref] = []
 
-    def compared(descriptors: list[np.ndarray], seed: int) -> np.ndarray:
+    def nothing(number: int) -> SimpleNamespace:
+        asked.together = max(asked.together, sum(array() is not None for array in read))
+        data = np.zeros((0, 128), np.uint8)
+        read.append(weakref.ref(data))
+        return SimpleNamespace(data=data)
+
+    def compared(descriptors: Iterable[np.ndarray], seed: int) -> np.ndarray:
         asked.seeds.add(seed)
         return similarities(descriptors, seed)
 
@@ -99,7 +108,7 @@ def matched(tmp_path, monkeypatch):
 
     def of(names: list[str], config: PosesConfig, progress=lambda done, n: None, video: bool = False) -> Asked:
         images = [SimpleNamespace(name=name, image_id=-k) for k, name in enumerate(names)]
-        content = SimpleNamespace(read_all_images=lambda: images, read_descriptors=lambda number: nothing)
+        content = SimpleNamespace(read_all_images=lambda: images, read_descriptors=nothing)
         monkeypatch.setattr(matching, "opened", lambda *_: nullcontext(content))
         monkeypatch.setattr(matching, "nearest", lambda *_, **__: set())
         monkeypatch.setattr(matching, "similarities", compared)
@@ -109,6 +118,11 @@ def matched(tmp_path, monkeypatch):
         return asked
 
     return of
+
+
+def test_of_a_large_set_the_descriptors_of_one_image_after_the_other_are_looked_at(matched):
+    """Those of ten thousand photographs together would have 10 GB."""
+    assert matched([str(k) for k in range(EXHAUSTIVE + 1)], PosesConfig()).together <= 1
 
 
 @pytest.mark.parametrize("video, most", [(False, EXHAUSTIVE), (True, EXHAUSTIVE_VIDEO)])

@@ -6,8 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 from dataset_folders import HEIGHT, N_VIEWS, WIDTH, colmap_folder
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.poses.output import PART, undistort, write_model
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.pictures import write_radiance
+from PIL import Image
 
 pycolmap = pytest.importorskip("pycolmap", reason="needs pycolmap: pip install 'mi_dogsplat[poses]'")
 
@@ -47,6 +51,28 @@ def test_of_a_lens_that_hardly_bends_the_pinhole_is_what_is_left(tmp_path):
     assert camera.model_name == "PINHOLE" and 0 <= WIDTH - camera.width <= 1 and 0 <= HEIGHT - camera.height <= 1
     np.testing.assert_allclose(camera.params, [20, 22, 10.5, 7], atol=1)
     assert {tuple(map(int, point.color)) for point in model.points3D.values()} == {(200, 100, 50)}
+
+
+def test_openexr_loses_its_lens_as_where_it_is_read_and_masks_come_along(tmp_path):
+    """Of a lamp before a wall, around which splines ring. Masks are called as what a screen shows of an image."""
+    bent, out = tmp_path / "bent", tmp_path / "out"
+    colmap_folder(bent, camera="SIMPLE_RADIAL", params=(20, 10.5, 7.5, 0.01))
+    (bent / "masks").mkdir()
+    for file in list((bent / "images").iterdir()):
+        light = np.full((HEIGHT, WIDTH, 3), 0.1, np.float32)
+        light[7, 10] = 1000
+        write_radiance(file.with_suffix(".exr"), light)
+        file.unlink()
+        left = np.tile(np.where(np.arange(WIDTH) < WIDTH // 2, 255, 0).astype(np.uint8), (HEIGHT, 1))
+        Image.fromarray(left).save(bent / "masks" / f"{file.stem}.jpg.png")
+    listed = bent / "sparse" / "0" / "images.txt"
+    listed.write_text(listed.read_text().replace(".png", ".exr"))
+    write_model(undistort(pycolmap, bent, out, lambda *row: None), out / "sparse" / "0")
+    for view, read in zip(load_dataset(out).views, load_dataset(bent).views, strict=True):
+        np.testing.assert_allclose(view.image, read.image, rtol=1e-3)  # half floats
+        made, known = (Masks(folder / "masks", [of]).of(of) for folder, of in ((out, view), (bent, read)))
+        assert made is not None and known is not None and 0 < made.sum() < made.size
+        np.testing.assert_array_equal(made, known)
 
 
 def test_a_lens_that_cannot_be_undone_is_one_line(tmp_path):

@@ -111,6 +111,15 @@ def test_what_every_tool_reads_is_copied_to_the_byte_and_the_rest_becomes_png(tm
         assert image.mode == "RGBA" and image.getextrema()[3] == (0, 255)
 
 
+def test_a_transparent_png_that_is_called_a_jpeg_gets_its_own_name(tmp_path):
+    """Programs write by the name what they make of it, and no JPEG is transparent."""
+    (tmp_path / "in").mkdir()
+    Image.fromarray(pixels()).convert("RGBA").save(tmp_path / "in" / "a.JPG", "PNG")
+    (made,) = prepared(tmp_path / "in", tmp_path / "out")
+    assert made.name == "a.png" and prepared(tmp_path / "in", tmp_path / "out") == [made]
+    assert (tmp_path / "out" / "a.png").read_bytes() == (tmp_path / "in" / "a.JPG").read_bytes()
+
+
 def test_floating_point_pixels_are_refused_and_not_made_black(tmp_path):
     (tmp_path / "in").mkdir()
     Image.fromarray(pixels()[..., 0].astype(np.float32) / 255).save(tmp_path / "in" / "a.tif")
@@ -234,6 +243,16 @@ def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
         prepare_masks(tmp_path / "masks", made, tmp_path / "out" / "masks")
 
 
+def test_a_mask_that_stands_where_its_upright_image_lies_is_refused(tmp_path):
+    for name in ("in", "masks"):
+        (tmp_path / name).mkdir()
+    Image.fromarray(pixels()).save(tmp_path / "in" / "a.png")
+    Image.fromarray(np.rot90(pixels()[..., 0])).save(tmp_path / "masks" / "a.png")
+    made = prepared(tmp_path / "in", tmp_path / "out")
+    with pytest.raises(DataError, match="a.png: is 40x60, a quarter turn from its image, of 60x40; turn it"):
+        prepare_masks(tmp_path / "masks", made, tmp_path / "out" / "masks")
+
+
 def test_a_second_start_writes_nothing_again(tmp_path):
     (tmp_path / "in").mkdir()
     Image.fromarray(pixels()).save(tmp_path / "in" / "a.jpg", exif=tags(6))
@@ -253,7 +272,8 @@ def test_a_file_that_is_cut_off_and_two_of_one_name_are_errors(tmp_path):
     assert not (tmp_path / "out" / "a.jpg").exists()
     (tmp_path / "in" / "a.jpg").write_bytes(data)
     Image.fromarray(pixels()).save(tmp_path / "in" / "a.png")
-    with pytest.raises(DataError, match='two views have the name "a"'):
+    two = 'in/a.png: two views have the name "a", of this image and of a.jpg; keep one of them, or rename it'
+    with pytest.raises(DataError, match=two):
         prepared(tmp_path / "in", tmp_path / "out")
 
 

@@ -265,6 +265,10 @@ def test_a_white_that_the_model_does_not_go_by_is_refused_in_one_line(capsys, mo
     assert_one_line(run(capsys, "view", model, "--white", "3"), "--white: is of linear radiance", "add --linear")
 
 
+def test_a_downscale_without_photographs_is_refused_in_one_line(capsys, model):
+    assert_one_line(run(capsys, "view", model, "--downscale", 2), "--downscale: there are no images to shrink; leave")
+
+
 def test_an_address_that_is_not_ours_is_refused_in_one_line(capsys, model):
     assert_one_line(run(capsys, "view", model, "--host", "192.0.2.1"), "--host", "127.0.0.1")  # for documentation only
     assert_one_line(run(capsys, "view", model, "--host", "no such host"), "--host")
