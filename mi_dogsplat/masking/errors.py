@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-BLUR = 0.015  # standard deviation of the mean over neighbours, as a share of the longer side
+BLUR = 0.01  # standard deviation of the mean over neighbours, as a share of the longer side
 
 
 def smooth_error(

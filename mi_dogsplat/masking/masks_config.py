@@ -15,7 +15,7 @@ MASKS = "folder of masks that there are, named as the images: what they paint bl
 class MasksConfig:
     """Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed."""
 
-    times: Annotated[float, Setting(TIMES, "X", least=2, most=100)] = 3.5
+    times: Annotated[float, Setting(TIMES, "X", least=2.5, most=100)] = 5.0
     masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
 
     def __post_init__(self) -> None:

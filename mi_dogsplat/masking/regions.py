@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, label, maximum
 
 FLOOR = 0.02  # of errors that are compared: what is smaller, 5 levels of 255, says nothing
-RIM = 0.5  # of the threshold: a region reaches as far as that
+RIM = 0.4  # of the threshold: a region reaches as far as that
 LEAST_AREA = 0.002  # of the picture; what is smaller is chance
 MARGIN = 0.005  # of the longer side, by which a region is widened: edges are half of either
 

@@ -42,7 +42,7 @@ def test_an_error_of_exposure_is_none_and_one_of_an_area_stays():
 def test_fine_detail_is_averaged():
     """A chessboard has the error of its mean everywhere."""
     board = 0.2 * (np.indices((200, 200)).sum(0) % 2)[..., None].repeat(3, axis=2)
-    assert BLUR * 200 == 3
+    assert BLUR * 200 == 2
     everything = np.ones((200, 200), bool)
     error = smooth_error(np.full((200, 200, 3), 0.5), 0.5 + board, np.zeros_like(everything), everything)
     np.testing.assert_allclose(error, 0.1, atol=0.005)

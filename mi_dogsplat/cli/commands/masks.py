@@ -16,7 +16,7 @@ EXAMPLES = """
 Examples:
   dogsplat masks first/point_cloud.ply photos/ -o masks --downscale 4 --preview masked.png
                                               a mask for each training view, and a picture of those with most
-  dogsplat masks first/point_cloud.ply photos/ -o more --downscale 4 --masks painted --times 3
+  dogsplat masks first/point_cloud.ply photos/ -o more --downscale 4 --masks painted --times 4
                                               beside masks that you painted, and from smaller errors on
 
 People who walk by, a hand, a passing car: what is in some photographs and is no part of the scene. A model
