@@ -78,7 +78,7 @@ def export_model(
     model, out = Path(model), Path(out)
     page = out.name.lower().endswith(PAGE)
     chosen = SOG if page else format_to_write(out, (PAGE,))
-    config.require_room(chosen, world.upright)
+    config.require_room(chosen, world.upright and not page)  # which is always upright
     require_encoder(out, chosen, config.spz_version)
     read = read_source(model, out, "export")
     drawing = world.over(options.drawing.over(read.drawing), data)
@@ -112,7 +112,7 @@ def export_model(
     elif grids:
         plain = stages["on coarse grids"] = on_grids(plain, grids, drawn)
     written, matrix = replace(read, splats=plain, drawing=drawing), np.eye(4)
-    if page:  # which is always upright
+    if page:
         left_out += _write_page(model, out, written, config.dog, grids, data, options)
     else:
         written, matrix = upright(written) if world.upright else (written, matrix)
