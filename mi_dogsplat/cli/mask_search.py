@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,10 +30,8 @@ def search_masks(config: TrainConfig, run: Path, resume: bool) -> TrainConfig:
     prepare_folder(run)
     first, masks = run / FIRST, run / MASKS
     begun = (first / CONFIG).exists()
-    if begun and not resume and masks.is_dir():
-        shutil.rmtree(masks)  # of an earlier training, perhaps on other photographs
-    if not (begun and masks.is_dir()):
-        require_new(masks)
+    if not (resume and begun and masks.is_dir()):
+        require_new(masks)  # of an earlier training, perhaps on other photographs, or painted by hand
         small = settings_of_first(config)
         if not (resume and (first / METRICS).exists()):
             say(f"training a small model first, which shows what the photographs have in common, into {first}")

@@ -44,19 +44,33 @@ class Masks:
 
         A mask is one of the photograph: its lens is taken out as that of the photograph was. Raises ``DataError``.
         """
-        path = self.paths.get(composed(view.name))
-        if path is None:
+        grey, camera = self._grey(view), view.camera
+        if grey is None:
             return None
-        grey, camera = read_image(path)[..., :3].mean(axis=2), view.camera  # [H', W']
-        require_white(path, float(grey.max()))
-        source = view.straight.source if view.straight else camera
-        require_same_way(path, (grey.shape[1], grey.shape[0]), (source.width, source.height))
         if view.straight:
+            source = view.straight.source
             grey = view.straight.image(_resized(grey, source.width, source.height)[..., None])[..., 0]
         k = grey.shape[1] // camera.width  # as the image was downscaled, if it was: what is left over is cut off
         if k > 1 and grey.shape[0] // k == camera.height and grey.shape[1] // k == camera.width:
             grey = box_downscale(grey[..., None], k)[..., 0]
         return (_resized(grey, camera.width, camera.height) >= USED).astype(np.float32)
+
+    def painted(self, view: View, width: int, height: int) -> np.ndarray | None:
+        """The mask of a view on its photograph as it was taken, in this size: bool [H, W], True where a pixel counts;
+        None where it counts whole. Raises ``DataError``."""
+        grey = self._grey(view)
+        return None if grey is None else _resized(grey, width, height) >= USED
+
+    def _grey(self, view: View) -> np.ndarray | None:
+        """[H', W'] of the file of a view, None where there is none. Raises ``DataError``."""
+        path = self.paths.get(composed(view.name))
+        if path is None:
+            return None
+        grey = read_image(path)[..., :3].mean(axis=2)
+        require_white(path, float(grey.max()))
+        source = view.straight.source if view.straight else view.camera
+        require_same_way(path, (grey.shape[1], grey.shape[0]), (source.width, source.height))
+        return grey
 
 
 def composed(name: str) -> str:

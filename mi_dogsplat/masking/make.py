@@ -85,16 +85,17 @@ def make_masks(
     if options.white is not None and dataset.white is not None:
         dataset = dataset.exposed(options.white)
     background = background_color(options.background, dataset.has_alpha)
-    search = _Search(read.splats, dataset.train, background, drawn.beside(dataset.white), config)
+    given = Masks(config.masks, dataset.train) if config.masks else None
+    search = _Search(read.splats, dataset.train, background, drawn.beside(dataset.white), config.times, given)
     for k in range(ROUNDS):
         search.round(lambda done, k=k: show(k * len(dataset.train) + done, ROUNDS * len(dataset.train)))
-    found = {view.name: mask for view, mask in zip(dataset.train, search.masked, strict=True)}
-    _write(out, dataset.train, found)
-    shares = {name: float(mask.mean()) for name, mask in found.items()}
+    _write(out, dataset.train, search.found, given)
+    masked = {view.name: mask for view, mask in zip(dataset.train, search.masked, strict=True)}
+    shares = {name: float(mask.mean()) for name, mask in masked.items()}
     if preview:
         most = [view for view in sorted(dataset.train, key=lambda view: -shares[view.name]) if shares[view.name]]
         shown = most or dataset.train
-        write_png(preview, sheet((photograph(view, background), found[view.name], view.name) for view in shown))
+        write_png(preview, sheet((photograph(view, background), masked[view.name], view.name) for view in shown))
     return Found(shares)
 
 
@@ -108,18 +109,28 @@ class _Search:
     """What is masked in each of some views, found in rounds: by what is left, the next knows better what is usual."""
 
     def __init__(
-        self, splats: Splats, views: Sequence[View], background: float, drawn: DrawnAs, config: MasksConfig
+        self,
+        splats: Splats,
+        views: Sequence[View],
+        background: float,
+        drawn: DrawnAs,
+        times: float,
+        given: Masks | None,
     ):
-        self.splats, self.views, self.background, self.drawn, self.config = splats, views, background, drawn, config
-        masks = Masks(config.masks, views) if config.masks else None
+        self.splats, self.views, self.background, self.drawn, self.times = splats, views, background, drawn, times
         self.steps = [max(1, round(max(view.camera.width, view.camera.height) / LONGEST)) for view in views]
         self.cameras = [view.camera.downscaled(step) for view, step in zip(views, self.steps, strict=True)]
-        self.given = [self._given(masks, k) for k in range(len(views))]
-        self.masked = list(self.given)
+        self.given = [self._given(given, k) for k in range(len(views))]
+        self.found = [np.zeros_like(given) for given in self.given]
 
-    def _given(self, masks: Masks | None, k: int) -> NDArray[np.bool_]:
+    @property
+    def masked(self) -> list[NDArray[np.bool_]]:
+        """Of each view [h, w], what masks that there are hide, or what is found."""
+        return [given | found for given, found in zip(self.given, self.found, strict=True)]
+
+    def _given(self, given: Masks | None, k: int) -> NDArray[np.bool_]:
         """What the masks that there are paint black in a view [h, w]."""
-        mask = masks.of(self.views[k]) if masks else None
+        mask = given.of(self.views[k]) if given else None
         if mask is None:
             return np.zeros((self.cameras[k].height, self.cameras[k].width), bool)
         return box_downscale(mask[..., None], self.steps[k])[..., 0] < 0.5
@@ -135,21 +146,21 @@ class _Search:
             errors.append(smooth_error(render, truth, counts[k], ~self.given[k]))
             show(k + 1)
         usual = usual_errors(self.splats, self.cameras, self.drawn, errors, counts)
-        self.masked = [
-            given | unusual(error, X, self.config.times)
-            for given, error, X in zip(self.given, errors, usual, strict=True)
-        ]
+        self.found = [unusual(error, X, self.times) for error, X in zip(errors, usual, strict=True)]
 
 
-def _write(out: Path, views: Sequence[View], found: dict[str, NDArray[np.bool_]]) -> None:
-    """A folder with a mask for each view, whole or not at all."""
+def _write(out: Path, views: Sequence[View], found: Sequence[NDArray[np.bool_]], given: Masks | None) -> None:
+    """A folder with a mask for each view, whole or not at all; masks that are ``given`` keep all of their pixels."""
     with making(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as part:
             folder = Path(part) / out.name
             folder.mkdir()
-            for view in views:
-                write_png(folder / f"{view.name}.png", np.where(on_photograph(found[view.name], view), 0.0, 1.0))
+            for view, region in zip(views, found, strict=True):
+                masked = on_photograph(region, view)
+                painted = given.painted(view, masked.shape[1], masked.shape[0]) if given else None
+                counts = ~masked if painted is None else ~masked & painted
+                write_png(folder / f"{view.name}.png", np.where(counts, 1.0, 0.0))
             if out.exists():  # empty, or as good as that
                 shutil.rmtree(out)
             folder.rename(out)

@@ -1,6 +1,7 @@
 """``dogsplat train --mask-moved``: a small model, masks by it, and the training with them, as one command."""
 
 import json
+import shutil
 import signal
 
 import numpy as np
@@ -50,6 +51,10 @@ def test_one_command_masks_what_moved_and_trains(capsys, data, tmp_path):
     assert again == made
 
     other = tiny_data.write_tiny_data(tmp_path / "other")
+    status, _, error = run(capsys, "train", other, "-o", out, *FLAGS, "--mask-moved")
+    assert status == 2 and f"{out / 'masks'}: exists, and is not an empty folder" in error
+    assert run(capsys, "train", data, "-o", out, *FLAGS, "--masks", out / "masks")[0] == 0  # as they are, or repainted
+    shutil.rmtree(out / "masks")
     assert run(capsys, "train", other, "-o", out, *FLAGS, "--mask-moved")[0] == 0
     assert len(list((out / "masks").iterdir())) == 7  # those of the other photographs, and none of before
 
