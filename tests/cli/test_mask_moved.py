@@ -14,8 +14,8 @@ from mi_dogsplat.support.pictures import write_png
 from mi_dogsplat.training.config import TrainConfig
 from PIL import Image
 
-N, PLACE = 24, (slice(8, 24), slice(12, 30))
-FLAGS = ["--preset", "3dgs", "--steps", 120, "--sh-degree", 1, "--max-primitives", 200, "--log-every", 40]
+N, PLACE = 12, (slice(8, 24), slice(12, 30))
+FLAGS = ["--preset", "3dgs", "--steps", 100, "--sh-degree", 1, "--max-primitives", 200, "--log-every", 40]
 FLAGS += ["--variant", "llvm_ad_rgb"]
 
 
@@ -38,9 +38,9 @@ def test_one_command_masks_what_moved_and_trains(capsys, data, tmp_path):
     out = tmp_path / "run"
     status, said, _ = run(capsys, "train", data, "-o", out, *FLAGS, "--mask-moved")
     assert status == 0
-    assert masked_in(out / "masks" / "4.png")[PLACE].mean() > 0.9
+    assert masked_in(out / "masks" / "4.png")[PLACE].mean() > 0.6  # by a model of a hundred steps
     config = json.loads((out / "config.json").read_text())
-    assert config["masks"] == str(out / "masks") and config["steps"] == 120 and config["preset"] == "3dgs"
+    assert config["masks"] == str(out / "masks") and config["steps"] == 100 and config["preset"] == "3dgs"
     assert json.loads((out / "first" / "config.json").read_text())["masks"] is None
     assert (out / "masked.png").is_file() and (out / "point_cloud.ply").is_file()
     assert f"into {out / 'first'}" in said and f"{out / 'masks'}: " in said
