@@ -53,9 +53,7 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
     n = len(points)
     scales = np.full(n, 1.0)
     if n > 1:
-        nearest = cKDTree(points).query(points, k=min(NEIGHBOURS + 1, n))[0]  # [P, <= 4] the first is itself
-        distances = nearest[:, 1:]
-        squared = np.mean(distances**2, axis=1)  # [P]
+        squared = np.mean(_neighbour_distances(points) ** 2, axis=1)  # [P]
         least = MIN_SHARE * float(np.median(squared)) or MIN_SQUARED_DISTANCE
         scales = np.sqrt(np.maximum(squared, min(least, MIN_SQUARED_DISTANCE)))
     sh_coeffs = np.zeros((n, (sh_degree + 1) ** 2, 3))
@@ -67,6 +65,20 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
         logit_opacities=np.full(n, np.log(INITIAL_OPACITY / (1 - INITIAL_OPACITY))),
         sh_coeffs=sh_coeffs,
     )
+
+
+def _neighbour_distances(points: np.ndarray) -> np.ndarray:
+    """[P, <= 3] distances of each of P >= 2 points to its nearest others.
+
+    A tree cannot tell coincident points apart, and would look at all of them for each: it has every place once.
+    """
+    places, place, counts = np.unique(points, axis=0, return_inverse=True, return_counts=True)
+    k = min(NEIGHBOURS + 1, len(places))
+    distances, nearest = (found.reshape(-1, k) for found in cKDTree(places).query(places, k=k))  # the first is itself
+    others = np.cumsum(counts[nearest], axis=1) - 1  # [places, k] how many other points are there, and nearer
+    slots = range(1, min(NEIGHBOURS, len(points) - 1) + 1)
+    which = np.stack([(others < slot).sum(axis=1) for slot in slots], axis=1)  # place of the first neighbour and so on
+    return np.take_along_axis(distances, which, axis=1)[place.reshape(-1)]
 
 
 def region_of_interest(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:

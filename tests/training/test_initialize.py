@@ -5,7 +5,9 @@ import pytest
 from mi_dogsplat.datasets import View, camera_extent
 from mi_dogsplat.scene.cameras import Camera, affine, spread_of
 from mi_dogsplat.scene.sh_basis import C0
+from mi_dogsplat.training import initialize
 from mi_dogsplat.training.initialize import MIN_SQUARED_DISTANCE, random_splats, region_of_interest, splats_from_points
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def look_at(position, target, width=64, height=48, focal=50.0) -> Camera:
@@ -49,6 +51,19 @@ def test_few_points_use_the_neighbours_there_are(count):
 def test_coincident_points_get_the_smallest_scale():
     splats = splats_from_points(np.zeros((9, 3)), np.zeros((9, 3)), sh_degree=0)
     np.testing.assert_allclose(splats.scales, np.sqrt(MIN_SQUARED_DISTANCE), rtol=1e-5)
+
+
+@pytest.mark.parametrize("size", [1.0, 0.3, 0.05])
+def test_points_of_few_places_have_the_neighbours_that_brute_force_finds_by_a_tree_of_places(monkeypatch, size):
+    """A tree of all points takes minutes for 150,000 in one place, as failed points of a capture are."""
+    planted = []
+    monkeypatch.setattr(initialize, "cKDTree", lambda places: planted.append(len(places)) or cKDTree(places))
+    points = np.round(size * np.random.default_rng(1).normal(size=(80, 3)), 1 if size < 0.1 else 0)
+    splats = splats_from_points(points, np.full((80, 3), 0.5), sh_degree=0)
+    nearest = np.sort(np.square(points[:, None] - points[None]).sum(-1), axis=1)[:, 1:4].mean(1)
+    expected = np.sqrt(np.maximum(nearest, MIN_SQUARED_DISTANCE))
+    np.testing.assert_allclose(splats.scales, expected[:, None].repeat(3, 1), rtol=1e-5)
+    assert planted == [len(set(map(tuple, points.tolist())))] and planted[0] < 80
 
 
 def test_points_that_are_not_finite_are_left_out():
