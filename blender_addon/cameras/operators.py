@@ -10,9 +10,8 @@ from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix
 
 from ..files.errors import FileError, readable, told
-from ..objects.attributes import has_splats
 from ..objects.conventions import UP_AXES, conversion
-from ..objects.place import placement_now
+from ..objects.place import place_of
 from ..translations import OWN
 from .objects import build_camera, look_through
 from .read import read_cameras
@@ -78,9 +77,9 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
         return {"FINISHED"}
 
     def _matrix(self, context: bpy.types.Context) -> Matrix:
-        model = context.view_layer.objects.active
-        if self.follow_model and model is not None and has_splats(model):
-            return Matrix(placement_now(context, model))
+        place = place_of(context.view_layer.objects.active)
+        if self.follow_model and place is not None:
+            return place.now(context)
         return conversion(self.up_axis, self.scale)
 
 

@@ -11,8 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Vector
 
 from ..files.errors import FileError, readable, told
-from ..objects.attributes import has_splats
-from ..objects.place import placement_now
+from ..objects.place import place_of
 from ..translations import OWN
 from .objects import build_camera, look_through, picture_size
 from .path_file import PathKey, read_path
@@ -36,8 +35,8 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """A camera that follows the active model of splats, as it is placed now; after an error, none."""
         scene, path = context.scene, Path(bpy.path.abspath(self.filepath))
-        model = context.view_layer.objects.active
-        matrix = Matrix(placement_now(context, model)) if has_splats(model) else Matrix.Identity(4)
+        place = place_of(context.view_layer.objects.active)
+        matrix = place.now(context) if place else Matrix.Identity(4)
         upright = matrix.to_3x3().inverted_safe() @ Vector((0, 0, 1))  # of Blender, in the coordinates of the file
         try:
             keys = read_path(path, *picture_size(scene.render), np.array(upright))

@@ -16,9 +16,7 @@ from ..files.errors import told
 from ..files.linear_map import is_similarity
 from ..files.transform import mean_scale
 from ..files.whole import write_whole
-from ..objects.attributes import has_splats
-from ..objects.conventions import placement
-from ..objects.place import known_place
+from ..objects.place import Place, place_of
 from .objects import pinhole_numbers
 
 PINHOLE = ("fx", "fy", "cx", "cy", "width", "height")
@@ -42,16 +40,16 @@ class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """One key for each step of the scene's frames, the last one too; the scene is left at its frame."""
-        scene, model = context.scene, _model(context)
+        scene, place = context.scene, _place(context)
         last, before = scene.frame_end, (scene.frame_current, scene.frame_subframe)
         frames = sorted({*range(scene.frame_start, last + 1, self.step), last})
         rate = scene.render.fps / scene.render.fps_base
         try:
             keys = []
-            with known_place(context, model) if model else nullcontext():
+            with place.known(context) if place else nullcontext():
                 for frame in frames:
                     scene.frame_set(frame)
-                    matrix = placement(model) if model else np.eye(4)
+                    matrix = place.matrix if place else np.eye(4)
                     keys.append({"time": (frame - frames[0]) / rate, **_key(scene, matrix)})
             write_whole(Path(bpy.path.abspath(self.filepath)), [(json.dumps({"keys": keys}, indent=1) + "\n").encode()])
         except ValueError as error:  # FileError too
@@ -63,12 +61,12 @@ class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
         return {"FINISHED"}
 
 
-def _model(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The splats that the path is for: the active ones, else the only ones of the scene."""
-    active = context.view_layer.objects.active
-    if active is not None and has_splats(active):
+def _place(context: bpy.types.Context) -> Place | None:
+    """Of the splats that the path is for: the active ones, else the only ones of the scene, or the only instance."""
+    if (active := place_of(context.view_layer.objects.active)) is not None:
         return active
-    found = [obj for obj in context.scene.objects if has_splats(obj)]
+    found = [place for obj in context.scene.objects if (place := place_of(obj)) is not None]
+    found = [place for place in found if place.maker is None] or found
     return found[0] if len(found) == 1 else None
 
 

@@ -54,7 +54,7 @@ def follow_vertices(mesh: bpy.types.Mesh, moves: Moves | None = None) -> np.ndar
     """Put the splats of a mesh right whose vertices were moved since then; the [4, 4] that all of it went through, or
     the identity. ``moves``: how they were moved, where that is known."""
     found = get_positions(mesh)
-    if found is None or np.array_equal(*found):
+    if found is None or np.array_equal(*found, equal_nan=True):
         return np.eye(4)
     before, after = found
     turned: list[tuple[np.ndarray, np.ndarray]] = []

@@ -18,10 +18,14 @@ Rows = NDArray[np.intp]
 def motions(before: NDArray, after: NDArray) -> list[tuple[Rows, NDArray[np.float64]]]:
     """(rows, [4, 4]) for each group of rows of [N, 3] that moved as one.
 
-    All rows at once, those that moved, or halves of these, as joined objects leave them. Rows that moved by themselves
-    are in no group. What stood still says nothing on how the others moved: a splat far away would excuse everything.
+    All rows at once, those that moved, or halves of these, as joined objects leave them. Rows that moved by themselves,
+    and those that are not finite, are in no group. What stood still says nothing on how the others moved: a splat far
+    away would excuse everything.
     """
     before, after = before.astype(np.float64), after.astype(np.float64)
+    known = np.flatnonzero(np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1))
+    if len(known) < len(before):
+        return [(known[rows], matrix) for rows, matrix in motions(before[known], after[known])]
     everything = np.arange(len(before))
     moved = np.flatnonzero((before != after).any(axis=1))
     if not len(moved):

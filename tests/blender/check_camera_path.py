@@ -9,11 +9,12 @@ import bpy
 import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
-from edits import PLACED
+from edits import PLACED, only_an_instance
 from mathutils import Matrix, Vector
 from model_files import export, load
 from package_command import COMMAND, SECONDS
 
+from blender_addon.evaluated.placed import placed_splats
 from blender_addon.objects.attributes import is_native, read_attributes
 
 FRAMES = 1, 9
@@ -57,6 +58,21 @@ def test_every_key_sees_the_model_as_the_camera_does(scene, animated, tmp_path):
         seen = [world_to_camera_view(scene, scene.camera, animated.matrix_world @ Vector(p)) for p in points]
         expected = np.array([(s.x * key["width"], (1 - s.y) * key["height"]) for s in seen])
         np.testing.assert_allclose(pixels, expected, atol=1e-2)
+
+
+@pytest.mark.parametrize("active", [True, False])
+def test_a_path_is_in_the_coordinates_of_an_instance(scene, animated, tmp_path, active):
+    """Of a model that the scene itself has not; the only one is found without a hint."""
+    animated.matrix_world = Matrix.Identity(4)
+    maker = only_an_instance(scene, animated)
+    if not active:
+        bpy.context.view_layer.objects.active = None
+    key = exported(tmp_path)[3]
+    ((_, placed, _),) = placed_splats(bpy.context.evaluated_depsgraph_get())
+    seen = np.linalg.inv(np.array(scene.camera.matrix_world.normalized())) @ placed
+    seen[:3] /= np.cbrt(np.linalg.det(placed[:3, :3]))
+    np.testing.assert_allclose(np.diag([1, -1, -1, 1]) @ seen, key["w2c"], atol=1e-5)
+    assert maker.name in scene.objects and len(scene.objects) == 2
 
 
 @pytest.mark.parametrize("hidden", ["disabled", "excluded"])

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
+from edits import only_an_instance
 from mathutils import Matrix, Vector
 from model_files import datablocks, load
 from package_command import by_package
@@ -15,6 +16,7 @@ from references import REFERENCES
 
 from blender_addon.cameras.objects import camera_numbers, look_through
 from blender_addon.cameras.read import read_cameras
+from blender_addon.evaluated.placed import placed_splats
 from blender_addon.nodes.modifier import get_input, splat_modifier
 
 HALF_A_PIXEL = 0.5
@@ -120,6 +122,19 @@ def test_cameras_follow_a_model_that_was_moved_while_it_was_hidden(odd, scene, m
     points = points_before(w2c)
     expected = projected(w2c, *(camera[k] for k in ("fx", "fy", "cx", "cy")), points)
     moved = [Vector(p) + Vector((1, 2, 3)) for p in points]
+    assert np.abs(blender_pixels(scene, scene.camera, moved) - expected).max() < 2e-2
+
+
+def test_cameras_follow_the_instance_of_a_model(odd, scene, model):
+    """As of a collection that is linked from another file."""
+    folder, camera = odd
+    only_an_instance(scene, load(model, up_axis="-Y", scale=3.0))
+    ((_, placed, _),) = placed_splats(bpy.context.evaluated_depsgraph_get())
+    bpy.ops.import_scene.dogsplat_cameras(filepath=str(folder))
+    w2c = np.array(camera["w2c"])
+    points = points_before(w2c)
+    expected = projected(w2c, *(camera[k] for k in ("fx", "fy", "cx", "cy")), points)
+    moved = [Matrix(placed) @ Vector(p) for p in points]
     assert np.abs(blender_pixels(scene, scene.camera, moved) - expected).max() < 2e-2
 
 

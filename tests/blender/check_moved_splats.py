@@ -196,6 +196,21 @@ def test_a_splat_far_away_excuses_no_motion():
     assert sorted(np.concatenate([rows for rows, _ in motions(before, after)])) == list(range(100, 250))
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_splats_follow_beside_one_that_is_nowhere(model, capfd, bad):
+    """A script or a modifier may have put it there; it says nothing on how the others moved."""
+    raw, obj = read_ply(model), load(model)
+    obj.data.vertices[7].co = (bad, 0, 0)
+    obj.data.update()
+    obj.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    bpy.ops.object.transform_apply()
+    bpy.context.view_layer.update()
+    others = np.arange(raw.n_splats) != 7
+    assert_moved(read_attributes(obj.data).select(others), raw.select(others), np.array(PLACED))
+    assert "Traceback" not in "".join(capfd.readouterr())  # handlers only print theirs
+
+
 def test_a_splat_that_is_dragged_stays_there_beside_one_far_away(model):
     obj = load(model)
     obj.data.vertices[0].co = 1e5, 0, 0

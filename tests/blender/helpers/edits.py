@@ -45,3 +45,17 @@ def paint(stand_in: bpy.types.Object, rows: np.ndarray, weight=None, color=None)
             stand_in.data.attributes["Tint"].data[corner].color = color
     stand_in.data.update()
     stand_in.update_tag()
+
+
+def only_an_instance(scene: bpy.types.Scene, obj: bpy.types.Object) -> bpy.types.Object:
+    """The empty that shows a model, which a collection has and the scene has not; it is the active object."""
+    collection = bpy.data.collections.new("models")
+    scene.collection.objects.unlink(obj)
+    collection.objects.link(obj)
+    collection.instance_offset = 0.5, -1, 2
+    maker = bpy.data.objects.new("instance", None)
+    maker.instance_type, maker.instance_collection, maker.matrix_world = "COLLECTION", collection, PLACED
+    scene.collection.objects.link(maker)
+    bpy.context.view_layer.objects.active = maker
+    bpy.context.view_layer.update()
+    return maker
