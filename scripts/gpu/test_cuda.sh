@@ -25,7 +25,7 @@ done
 # - of the engine, test_aovs, test_background and test_derivatives: all of it through mi.render, and what fails in the
 #   constructor of an environment emitter ends the process;
 # - what computes nothing on a device, such as files, cameras and reports, and what is built of the parts tested here.
-tests=(tests/scores tests/training tests/tracing tests/meshing)
+tests=(tests/scores tests/training tests/tracing tests/meshing tests/masking)
 for name in ellipsoids mitsuba_internals mixed_shape sensor_kinds shape_dog shape_own_axes shape_shifts splat_lamps surfaces; do
     tests+=("tests/plugin/test_$name.py")
 done
