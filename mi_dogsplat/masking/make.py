@@ -60,8 +60,8 @@ def make_masks(
 
     Args:
         model: the model, of any format, trained on these photographs: a small one learns little of what moved.
-        data: the data set. Test views get no mask, since nobody is to choose what they are measured by.
-        out: the folder to write, with NAME.png for each training view.
+        data: the data set. Masks of its test views are white, since nobody is to choose what these are measured by.
+        out: the folder to write, with NAME.png for each view.
         config: from which error on, and masks that there are.
         preview: a .png to write, with the photographs that are masked most.
         options: how pictures are drawn; what they do not say, the model's file does.
@@ -89,7 +89,8 @@ def make_masks(
     search = _Search(read.splats, dataset.train, background, drawn.beside(dataset.white), config.times, given)
     for k in range(ROUNDS):
         search.round(lambda done, k=k: show(k * len(dataset.train) + done, ROUNDS * len(dataset.train)))
-    _write(out, dataset.train, search.found, given)
+    nothing = [np.zeros((1, 1), bool) for _ in dataset.test]
+    _write(out, dataset.views, [*search.found, *nothing], given)
     masked = {view.name: mask for view, mask in zip(dataset.train, search.masked, strict=True)}
     shares = {name: float(mask.mean()) for name, mask in masked.items()}
     if preview:

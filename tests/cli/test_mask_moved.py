@@ -56,7 +56,7 @@ def test_one_command_masks_what_moved_and_trains(capsys, data, tmp_path):
     assert run(capsys, "train", data, "-o", out, *FLAGS, "--masks", out / "masks")[0] == 0  # as they are, or repainted
     shutil.rmtree(out / "masks")
     assert run(capsys, "train", other, "-o", out, *FLAGS, "--mask-moved")[0] == 0
-    assert len(list((out / "masks").iterdir())) == 7  # those of the other photographs, and none of before
+    assert len(list((out / "masks").iterdir())) == 8  # those of the other photographs, and none of before
 
 
 @pytest.mark.parametrize("stage", ["first", "masks"])

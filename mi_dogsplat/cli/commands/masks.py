@@ -14,16 +14,16 @@ from ..printing import masks_lines
 SUMMARY = "masks of what moved, or stood in the way, while a scene was photographed"
 EXAMPLES = """
 Examples:
-  dogsplat masks first/point_cloud.ply photos/ -o masks --downscale 4 --preview masked.png
-                                              a mask for each training view, and a picture of those with most
-  dogsplat masks first/point_cloud.ply photos/ -o more --downscale 4 --masks painted --times 4
+  dogsplat masks run/point_cloud.ply photos/ -o moved --downscale 4 --preview masked.png
+                                              a mask for each view, and a picture of those with most
+  dogsplat masks run/point_cloud.ply photos/ -o more --downscale 4 --masks masks/ --times 4
                                               beside masks that you painted, and from smaller errors on
 
 People who walk by, a hand, a passing car: what is in some photographs and is no part of the scene. A model
 shows what the photographs have in common. Where one of them differs from it, and others do not in the same
 place, its mask is black. First comes a small model, which learns little of what moved: dogsplat train photos/
 -o first --downscale 4 --steps 3500 --max-primitives 25000. Look at the masks, and train with them:
-dogsplat train photos/ -o run --masks masks. Test views get none.
+dogsplat train photos/ -o run --masks moved. Masks of test views are white.
 """
 
 
