@@ -15,6 +15,7 @@ from ..datasets import View, load_dataset
 from ..datasets.images import box_downscale
 from ..datasets.masks import Masks
 from ..formats.read import read_model, require_primitives, require_writable
+from ..render.mask_sheet import mask_sheet
 from ..render.picture import background_color, photograph, picture_of, seen_as
 from ..render.picture_options import PictureOptions
 from ..scene.drawing import DrawnAs, drawn_as
@@ -27,7 +28,6 @@ from .errors import smooth_error
 from .masks_config import MasksConfig
 from .on_photograph import on_photograph
 from .regions import unusual
-from .sheet import sheet
 from .usual import usual_errors
 
 LONGEST = 400  # pixels of a side in which masks are looked for, about
@@ -96,7 +96,7 @@ def make_masks(
     if preview:
         most = [view for view in sorted(dataset.train, key=lambda view: -shares[view.name]) if shares[view.name]]
         shown = most or dataset.train
-        write_png(preview, sheet((photograph(view, background), masked[view.name], view.name) for view in shown))
+        write_png(preview, mask_sheet((photograph(view, background), masked[view.name], view.name) for view in shown))
     return Found(shares)
 
 

@@ -33,7 +33,7 @@ REFINED = "refined"  # the data of the run with the poses that it has refined, a
 POSED = "posed"  # the data of the run where it has found their poses first, a folder
 FIRST = "first"  # the run of a small model by which masks were found, a folder
 MASKS = "masks"  # the masks that were found by it, a folder
-MASKED = "masked.png"  # what they mask, to look at
+MASKED = "masked.png"  # what the masks of a run hide, to look at
 DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (runs/mixture.py)
 MISFITS = "train/misfits.json"  # training images that do not fit (runs/misfits.py)
 
@@ -44,7 +44,10 @@ REMEDY = "restore or delete it, then try again"
 LARGEST = 1e30  # what a run measures is far below
 # Parts of the files that others rely on: objects with their own parts, under given names or any, and lists of numbers.
 ANY, NUMBERS = "*", ("numbers",)
-METRICS_PARTS: dict[str, Any] = {"test": {}, "train": {}, "versions": {}, "views": {ANY: {}}, "poses": {ANY: {}}}
+METRICS_PARTS: dict[str, Any] = {
+    **{name: {} for name in ("test", "train", "versions", "masked")},
+    **{name: {ANY: {}} for name in ("views", "poses")},
+}
 SIDE: dict[str, Any] = {"error": NUMBERS, "metrics": {}}
 PROFILE_PARTS: dict[str, Any] = {"with_dog": SIDE, "without_dog": SIDE}
 MISFIT_PARTS: dict[str, Any] = {"psnr": {}, "misfits": {ANY: {}}}

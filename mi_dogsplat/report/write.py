@@ -16,6 +16,7 @@ from ..support.files import replacing
 from ..support.wording import count, file_size, finite, fixed
 from .appearance import appearance_plots, corner_losses
 from .curves import curves
+from .masked import masked
 from .misfits import misfits
 from .mixture import mixture
 from .moved import moved
@@ -62,6 +63,7 @@ def report_page(run: Run) -> str:
         compares=compares(run),
         refinements=refinements(run),
         misfits=misfits(run),
+        masked=masked(run),
         mixture=mixture(run),
         appearance=appearance_plots(run.appearance),
         corners=corner_losses(run.appearance),

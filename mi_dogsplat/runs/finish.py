@@ -21,6 +21,7 @@ from ..support.versions import versions
 from ..training.optimizer.faded import not_faded
 from ..training.train import Trainer
 from .history import counted_rows
+from .masked import write_masked
 from .misfits import write_misfits
 from .mixture import write_mixture
 from .model_files import write_model_files
@@ -39,9 +40,13 @@ def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     splats = trainer.model()
     splats = splats.select(not_faded(splats.opacities))
     sizes = write_model_files(out, splats, config, trainer.drawing)
-    poses = {"poses": moved_views(trainer)} if config.refine_poses else {}
+    photographs, of_views = trainer.photographs, {}
+    if config.refine_poses:
+        of_views["poses"] = moved_views(trainer)
+    if masks := photographs.mask_folder:
+        of_views["masked"] = write_masked(out, photographs.originals, masks, trainer.background)
     metrics = measured(trainer, dataset, out) | {
-        **poses,
+        **of_views,
         "n": splats.n_splats,
         "n_dog": splats.n_dog,
         **{name: getattr(splats, name) for name in counted_rows(trainer)},
@@ -55,10 +60,9 @@ def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     }
     if config.refine_poses:
         write_poses(trainer, out)
-    photographs = trainer.photographs
     write_misfits(
         out, lambda view: seen_as(trainer.picture(view), view), photographs.originals, config.steps,
-        trainer.background, photographs.mask_folder, config.appearance,
+        trainer.background, masks, config.appearance,
     )  # fmt: skip
     write_report(out, metrics)
     write_json(out / METRICS, metrics)

@@ -17,8 +17,8 @@ from mi_dogsplat.datasets.capture_config import CaptureConfig
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.masking.make import make_masks
-from mi_dogsplat.masking.sheet import COLUMNS, sheet
 from mi_dogsplat.render.framing import cameras_around
+from mi_dogsplat.render.mask_sheet import COLUMNS, mask_sheet
 from mi_dogsplat.render.picture import picture_of
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.scene.drawing import drawn_as
@@ -49,7 +49,7 @@ def main() -> None:
         views = {view.name: view for view in load_dataset(data).train}
         shown = [views[name] for name in list(found.masked)[:COLUMNS]]
         masks = [read_image(folder / "masks" / f"{view.name}.png")[..., 0] < 0.5 for view in shown]
-        page = sheet((view.image, mask, view.name) for view, mask in zip(shown, masks, strict=True))
+        page = mask_sheet((view.image, mask, view.name) for view, mask in zip(shown, masks, strict=True))
     write_rows("masked.png", [[page]])
 
 

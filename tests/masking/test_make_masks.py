@@ -11,7 +11,7 @@ from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.masking import make
 from mi_dogsplat.masking.make import make_masks
-from mi_dogsplat.masking.sheet import TINT
+from mi_dogsplat.render.mask_sheet import TINT
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.support.pictures import write_png

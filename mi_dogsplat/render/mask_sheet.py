@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..render.panels import labelled
+from .panels import labelled
 
 COLUMNS, ROWS = 4, 4
 CELL = 240  # pixels of the longer side of a photograph
 TINT, STRENGTH = np.array([0.9, 0.1, 0.2]), 0.5  # of what is masked
 
 
-def sheet(photographs: Iterable[tuple[NDArray, NDArray[np.bool_], str]]) -> NDArray[np.float32]:
+def mask_sheet(photographs: Iterable[tuple[NDArray, NDArray[np.bool_], str]]) -> NDArray[np.float32]:
     """[H, W, 3] sRGB values: the first few of photographs [H, W, 3] with their masks [h, w] and names, masked red."""
     cells = [_cell(*photograph) for photograph in islice(photographs, COLUMNS * ROWS)]
     height, width = (max(cell.shape[axis] for cell in cells) for axis in (0, 1))
