@@ -119,7 +119,7 @@ def main(flags: Sequence[str]) -> None:
     set_variant(args.variant)
     same_settings(args.out, args, "scene", ("preset", "steps", "views", "size", "spp"))
     names = args.runs.split("; ") if args.runs else RUNS
-    folders = {hdr: _captured(args, hdr) for hdr in sorted({True, *(name != PNG for name in names)})}
+    folders = {hdr: captured(args, hdr) for hdr in sorted({True, *(name != PNG for name in names)})}
     truth = load_dataset(folders[True], split="validation")
     rows, pictures = {}, {}
     for name in names:
@@ -129,10 +129,15 @@ def main(flags: Sequence[str]) -> None:
             config, begun = TrainConfig(str(folders[name != PNG]), **settings), (out / "config.json").exists()
             train(config, out, resume=begun, recipe=_recipe(args.preset, name))
         for text, file in _files(name, out) if args.files else [(name, out / "point_cloud.ply")]:
-            rows[text], pictures[text] = _measured(file, truth)
+            rows[text], pictures[text] = measured(file, truth)
             print(text, {key: round(value, 4) for key, value in rows[text].items()}, flush=True)
     write_json(args.out / "hdr.json", {"steps": args.steps, "white": truth.white, "rows": rows})
     write_png(args.out / "hdr.png", _sheet(truth, pictures))
+    print_rows(rows)
+
+
+def print_rows(rows: dict[str, dict[str, float]]) -> None:
+    """As a table."""
     columns = list(next(iter(rows.values())))
     print(f"\n| | {' | '.join(columns)} |\n|---|{'---|' * len(columns)}")
     for name, row in rows.items():
@@ -157,15 +162,16 @@ def _recipe(preset: str, name: str) -> Recipe:
     return replace(recipe, curve=CURVES.get(name, recipe.curve))
 
 
-def _captured(args: argparse.Namespace, hdr: bool) -> Path:
+def captured(args: argparse.Namespace, hdr: bool) -> Path:
+    """The data set of the scene that the arguments name, in its folder: OpenEXR, or PNG."""
     config = CaptureConfig(
         views=args.views, size=tuple(args.size), spp=args.spp, radius=1.75, center=(0.0, 0.0, 0.4), hdr=hdr
     )
     return capture(args.scene, args.out / ("exr" if hdr else "png"), config)
 
 
-def _measured(model: Path, truth: Dataset) -> tuple[dict[str, float], np.ndarray]:
-    """The row of a model, and the radiance of the middle view."""
+def measured(model: Path, truth: Dataset) -> tuple[dict[str, float], np.ndarray]:
+    """The row of a model, by the columns above, and the radiance of the middle view."""
     read = read_model(model)
     picture = picture_of(read.splats, 0.0, drawn_as(read.drawing))
     seen: dict[str, Picture] = {view.name: picture(view.camera) for view in truth.test}
@@ -206,16 +212,24 @@ def _text(text: str, width: int, height: int) -> np.ndarray:
     return np.asarray(canvas) / 255.0
 
 
-def _arguments(flags: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks hdr", description=(__doc__ or "").partition("\n")[0])
+def parser_of(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Of an experiment that trains on a scene of high contrast."""
+    parser = argparse.ArgumentParser(
+        prog=f"python -m benchmarks {name}", description=(description or "").partition("\n")[0]
+    )
     parser.add_argument("--scene", type=Path, default=Path("scenes/hdr_lamp.xml"), metavar="SCENE.xml")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--runs", help=f'some of "{"; ".join(RUNS)}", separated by "; " (default: all)')
-    parser.add_argument("--files", action="store_true", help="each model as files of other formats instead")
     parser.add_argument("--preset", default="ours", choices=tuple(RECIPES))
     parser.add_argument("--steps", type=int, default=2000)
     parser.add_argument("--views", type=int, default=40)
     parser.add_argument("--size", type=int, nargs=2, default=[160, 120], metavar=("W", "H"))
     parser.add_argument("--spp", type=int, default=256)
     parser.add_argument("--variant", default="auto")
+    return parser
+
+
+def _arguments(flags: Sequence[str]) -> argparse.Namespace:
+    parser = parser_of("hdr", __doc__)
+    parser.add_argument("--runs", help=f'some of "{"; ".join(RUNS)}", separated by "; " (default: all)')
+    parser.add_argument("--files", action="store_true", help="each model as files of other formats instead")
     return parser.parse_args(flags)

@@ -28,18 +28,35 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
+class Recording:
+    """What a photograph holds: its ``image``, as ``View`` has it, and where that is only a bound.
+
+    ``saturated``: [H, W] bool, true where the sensor was full, so that the scene is at least as bright as the image;
+    None where it was full nowhere, or nobody knows.
+    """
+
+    image: np.ndarray
+    saturated: np.ndarray | None = None
+
+    @property
+    def n_bytes(self) -> int:
+        """What it takes of memory."""
+        return self.image.nbytes + (0 if self.saturated is None else self.saturated.nbytes)
+
+
+@dataclass(frozen=True, eq=False)
 class View:
     """One image and its camera.
 
     ``name`` is unique within its data set and usable as a file name. ``stored``: the ``image`` itself, or its
-    ``pixels``, or a function that reads it from disk. ``straight``: how the lens of the photograph was taken out of it;
-    None where it had none. ``white``: None where the image is display-referred; of linear radiance the one that a
-    screen shows as white, which exposes the image.
+    ``pixels``, or the ``recording``, or a function that reads that from disk. ``straight``: how the lens of the
+    photograph was taken out of it; None where it had none. ``white``: None where the image is display-referred; of
+    linear radiance the one that a screen shows as white, which exposes the image.
     """
 
     name: str
     camera: Camera
-    stored: np.ndarray | Callable[[], np.ndarray]
+    stored: np.ndarray | Recording | Callable[[], Recording]
     straight: Undistortion | None = None
     white: float | None = None
 
@@ -50,9 +67,20 @@ class View:
         It is made, or read, whenever it is asked for unless it is stored itself. Raises ``DataError`` where it cannot
         be read.
         """
+        return self.recording.image
+
+    @property
+    def recording(self) -> Recording:
+        """The ``image``, and where it is saturated; made, or read, as the image is. Raises ``DataError`` likewise."""
+        if isinstance(self.stored, Recording):
+            return self.stored
         if isinstance(self.stored, np.ndarray):
-            return self.stored if self.pixels is None else from_bytes(self.pixels)
+            return Recording(self.stored if self.pixels is None else from_bytes(self.pixels))
         return self.stored()
+
+    def in_memory(self) -> View:
+        """The view with its recording, so that it is read once however often it is asked for. Raises ``DataError``."""
+        return self if isinstance(self.stored, np.ndarray) else replace(self, stored=self.recording)
 
     @property
     def pixels(self) -> np.ndarray | None:
@@ -62,6 +90,8 @@ class View:
     @property
     def n_bytes(self) -> int:
         """What the image takes of memory."""
+        if isinstance(self.stored, Recording):
+            return self.stored.n_bytes
         return self.stored.nbytes if isinstance(self.stored, np.ndarray) else 0
 
 

@@ -4,12 +4,14 @@
   those of a layer, if just one has them; else Y, as grey. Everything else (depth, normals) is passed over.
 - **Windows.** The picture is the display window. What the data window leaves out of it is black and transparent, and
   what lies outside of it is cut off.
+- **Saturation.** The attribute ``sensorSaturation`` says from which value on the sensor that took the picture was full.
 - Half and float values, scan lines and tiles, and every compression of the library are read. Negative values, which
   filters and denoisers leave behind, become 0, as there is no negative light.
 """
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ import numpy as np
 import OpenEXR
 
 from ..support.errors import DataError
+from ..support.pictures import SATURATION
 from .claimed_size import require_photograph
 
 SUFFIX = ".exr"
@@ -34,6 +37,20 @@ def exr_header(path: Path) -> tuple[tuple[int, int], bool]:
     file = _opened(path, header_only=True)
     part, names = _choice(path, file)
     return _size(path, file.parts[part].header), len(names) == 4
+
+
+def exr_saturation(path: Path) -> float | None:
+    """The value of a channel from which on the sensor was full, so that the scene may be brighter; None where the file
+    names none. Raises ``DataError``."""
+    file = _opened(path, header_only=True)
+    part, _ = _choice(path, file)
+    named = file.parts[part].header.get(SATURATION)
+    if named is None:
+        return None
+    if not isinstance(named, (int, float)) or not math.isfinite(named) or named <= 0:
+        problem = f"has the attribute {SATURATION} = {named}, which is no radiance above 0"
+        raise DataError(path, problem, "remove the attribute, or make it the value of a full sensor")
+    return float(named)
 
 
 def read_exr(path: Path) -> np.ndarray:

@@ -23,7 +23,7 @@ from PIL.TiffImagePlugin import IMAGELENGTH, IMAGEWIDTH, TiffImageFile
 from ..support.errors import DataError
 from .claimed_size import require_photograph
 from .color_profiles import Encoding, as_srgb, grey_curve, in_rgb, space_of
-from .exr import exr_header, is_exr, read_exr
+from .exr import exr_header, exr_saturation, is_exr, read_exr
 from .heif import is_heif, opened
 
 EXIF_ORIENTATION = 274
@@ -170,6 +170,12 @@ def _shown(image: Image.Image, levels: np.ndarray) -> np.ndarray | None:
     None where it names none. Pillow turns whole numbers into RGBA by cutting off what is above 255."""
     level = image.info.get("transparency")
     return None if level is None else (levels != level).astype(np.float32)[..., None]
+
+
+def saturation(path: Path) -> float | None:
+    """The value of a channel from which on the sensor was full, where an OpenEXR file names it; None of other images,
+    which a render is clamped to the range of. Raises ``DataError``."""
+    return exr_saturation(path) if is_exr(path) else None
 
 
 def straight_color(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:

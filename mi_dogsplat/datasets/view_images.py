@@ -6,6 +6,7 @@
 - **Downscaling** by K averages K x K blocks of premultiplied values (exact box filter); a remainder at the
   right and bottom is cut off, so that intrinsics are divided by exactly K.
 - Either all images of a data set are linear (``exr.py``), or none is.
+- A pixel is **saturated** if any of those that it is made of is: of its true mean the photograph has a lower bound.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,9 @@ from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.memory import available_memory
 from ..support.wording import counted, file_size
-from .dataset import View, held
+from .dataset import Recording, View, held
 from .exr import is_exr
-from .images import box_downscale, header, is_file, is_opaque, is_turned, read_image
+from .images import box_downscale, header, is_file, is_opaque, is_turned, read_image, saturation
 from .lens import Lens, Undistortion, undistortion
 
 JPEG = (".jpg", ".jpeg")  # neither alpha nor more than 8 bits: pixels that stay as they are take 3 bytes (``held``)
@@ -85,8 +86,8 @@ def _on_disk(
     has_alpha = any(alpha and not is_opaque(source.image_path) for source, (_, alpha) in pairs)
 
     def view_of(source: ViewSource, size: tuple[int, int]) -> View:
-        def read() -> np.ndarray:
-            return _with_channels(_load_view(source, downscale, prescaled).image, has_alpha)
+        def read() -> Recording:
+            return _with_channels(_load_view(source, downscale, prescaled).recording, has_alpha)
 
         camera, straight = _camera_of(source, downscale, prescaled, size)
         return View(source.name, camera, read, straight, white)
@@ -113,7 +114,8 @@ def _in_memory(
     def with_channels(view: View) -> View:
         if view.pixels is not None and not has_alpha:
             return view
-        whole = View(view.name, view.camera, _with_channels(view.image, has_alpha), view.straight, white)
+        recording = _with_channels(view.recording, has_alpha)
+        whole = View(view.name, view.camera, recording, view.straight, white)
         return whole if white else held(whole)
 
     return [with_channels(view) for view in views], has_alpha
@@ -149,10 +151,28 @@ def _require_memory(sources: Sequence[ViewSource], downscale: int, as_in_file: b
 def _load_view(source: ViewSource, downscale: int, prescaled: bool) -> View:
     pixels = read_image(source.image_path)  # [H, W, C]
     camera, straight = _camera_of(source, downscale, prescaled, (pixels.shape[1], pixels.shape[0]))
+    full = _saturated(pixels, saturation(source.image_path))
     if straight:
         pixels = straight.image(pixels, unlimited=is_exr(source.image_path))
-    pixels = pixels if prescaled or downscale == 1 else box_downscale(pixels, downscale)
-    return View(source.name, camera, pixels, straight)
+        full = None if full is None else straight.image(full, unlimited=True)  # which does not ring far away
+    recording = Recording(pixels, None if full is None else full[..., 0] > 0)
+    return View(source.name, camera, recording if prescaled else shrunk(recording, downscale), straight)
+
+
+def _saturated(pixels: np.ndarray, level: float | None) -> np.ndarray | None:
+    """[H, W, 1], 1 where a channel of a pixel [H, W, C] reaches the ``level``, else 0; None where none does."""
+    if level is None or not (full := pixels[..., :3].max(axis=2, keepdims=True) >= level).any():
+        return None
+    return full.astype(np.float32)
+
+
+def shrunk(recording: Recording, k: int) -> Recording:
+    """A photograph with means over k x k pixels for each, which are saturated where any of these is."""
+    if k == 1:
+        return recording
+    full = recording.saturated
+    full = None if full is None else box_downscale(full[..., None], k)[..., 0] > 0
+    return Recording(box_downscale(recording.image, k), full)
 
 
 def _camera_of(
@@ -180,11 +200,12 @@ def _camera_of(
         raise DataError(path, str(error), "choose a smaller downscale factor") from error
 
 
-def _with_channels(image: np.ndarray, has_alpha: bool) -> np.ndarray:
-    """The image with exactly 4 channels where the data set has alpha, else exactly 3."""
+def _with_channels(recording: Recording, has_alpha: bool) -> Recording:
+    """The photograph with exactly 4 channels where the data set has alpha, else exactly 3."""
+    image = recording.image
     if has_alpha and image.shape[2] == 3:
-        return np.concatenate([image, np.ones_like(image[..., :1])], axis=2)
-    return image if has_alpha else np.ascontiguousarray(image[..., :3])
+        image = np.concatenate([image, np.ones_like(image[..., :1])], axis=2)
+    return replace(recording, image=image if has_alpha else np.ascontiguousarray(image[..., :3]))
 
 
 def _wrong_size(path: Path, width: int, height: int, expected: str) -> DataError:

@@ -75,8 +75,10 @@ def by_data(
     drawn: DrawnAs,
     masks: Masks | None = None,
 ) -> Goal:
-    """Photographs of at most ``most`` training views, and the model itself where their masks are black: there it is to
-    stay as it is. Of a linear model and display-referred photographs renders from there."""
+    """Photographs of at most ``most`` training views, and the model itself where their masks are black, or where it is
+    brighter than a saturated pixel: there it is to stay as it is. Of a linear model and display-referred photographs
+    renders from there.
+    """
     if dataset.white is not None:  # a display value of 1 is a radiance of 1
         dataset = dataset.exposed(drawn.white if drawn.linear else 1.0)
     views = dataset.train[:: -(-len(dataset.train) // most)]
@@ -85,21 +87,19 @@ def by_data(
     if drawn.linear and dataset.white is None:
         pictures = rendered(model, cameras, look)
     else:
-        taken = radiance_of if drawn.linear else photograph
-        pictures = [taken(view, look.background) for view in views]
-        pictures = _unmasked(model, views, pictures, masks, look) if masks else pictures
+        pictures = [_completed(model, view.in_memory(), masks, look) for view in views]
     return Goal(cameras, pictures, look, BY_DATA)
 
 
-def _unmasked(
-    model: Splats, views: Sequence[View], pictures: list[Array], masks: Masks, look: Look
-) -> list[Array]:
-    """The pictures of the views, with what the model shows where masks are black."""
-    of_views = [masks.of(view) for view in views]
-    masked = [view.camera for view, mask in zip(views, of_views, strict=True) if mask is not None]
-    own = iter(rendered(model, masked, look))
-    pairs = zip(pictures, of_views, strict=True)
-    return [seen if mask is None else np.where(mask[..., None] > 0, seen, next(own)) for seen, mask in pairs]
+def _completed(model: Splats, view: View, masks: Masks | None, look: Look) -> Array:
+    """The photograph of a view, with what the model shows where it does not say."""
+    taken = radiance_of if look.drawn.linear else photograph
+    seen, mask, full = taken(view, look.background), masks.of(view) if masks else None, view.recording.saturated
+    if mask is None and full is None:
+        return seen
+    (own,) = rendered(model, [view.camera], look)
+    seen = seen if full is None else np.where(full[..., None], np.maximum(seen, own), seen)
+    return seen if mask is None else np.where(mask[..., None] > 0, seen, own)
 
 
 def by_renders(model: Splats, most: int, drawn: DrawnAs, up: str | None = None) -> Goal:

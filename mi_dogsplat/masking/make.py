@@ -142,6 +142,7 @@ class _Search:
         counts = [~masked for masked in self.masked]
         errors = []
         for k, view in enumerate(self.views):
+            view = view.in_memory()
             pair = seen_as(picture(view.camera), view), photograph(view, self.background)
             render, truth = (box_downscale(image, self.steps[k]) for image in pair)
             errors.append(smooth_error(render, truth, counts[k], ~self.given[k]))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..datasets.dataset import View
 from ..datasets.masks import Masks
-from ..render.picture import Picture, light_of, photograph, premultiplied, radiance_of, seen_as
+from ..render.picture import Picture, light_seen_as, photograph, premultiplied, radiance_of, seen_as
 from ..scene.appearance import Appearance, photographed, radii_squared
 from ..scene.cameras import Camera
 from ..support.pictures import heat_map, write_exr, write_png
@@ -116,6 +116,7 @@ def _see(
     writes: bool,
 ) -> _Seen:
     """Render a view and measure what takes renders or all cores; ``writes``: the map of FLIP will be a file."""
+    view = view.in_memory()
     rendered, truth = picture(view), photograph(view, background)
     color = seen_as(rendered, view)
     mean_flip, error = flip(color, truth, mask, view.name)
@@ -123,7 +124,7 @@ def _see(
         _, error = flip(color, truth, name=view.name)
     radiance, aligned_color, lpips = {}, None, {}
     if view.white is not None:
-        radiance = evaluate_radiance(light_of(rendered), radiance_of(view, background), mask)
+        radiance = evaluate_radiance(light_seen_as(rendered, view), radiance_of(view, background), mask)
     if measure.align_extent is not None:
         best = aligned(picture, view, background, measure.align_extent, mask)
         aligned_color = seen_as(picture(best), view)

@@ -28,7 +28,7 @@ from ..support.pictures import write_radiance
 from ..support.srgb import displayed, luminance
 from .exif import Exif, exif_of_upright
 from .photographs import Photograph, camera_of, require_own_names, solid_name
-from .raw_files import Balance, RawHeader, develop, is_raw, read_header
+from .raw_files import FULL, Balance, RawHeader, develop, is_raw, read_header
 from .resampled import write_resampled
 
 AT_ONCE = 2  # images: LibRaw has threads of its own, and a large photograph takes a gigabyte
@@ -127,6 +127,10 @@ class Development:
             return read_exr(path)
         return develop(path, self.balances[path], half) * np.float32(self.gains[path])
 
+    def saturation(self, path: Path) -> float:
+        """The value of a channel from which on the sensor of a raw photograph was full."""
+        return FULL * self.gains[path]
+
 
 def _luminances(light: NDArray[np.float32]) -> NDArray[np.float32]:
     """[*] of some pixels of an image, as many as a percentile needs."""
@@ -145,7 +149,7 @@ def _prepared(made: _Made, development: Development, white: float | None) -> Pho
             with replacing(made.radiance) as part:
                 shutil.copyfile(made.source, part)
         elif made.radiance is not None:
-            write_radiance(made.radiance, light)
+            write_radiance(made.radiance, light, development.saturation(made.source))
         write_resampled(_on_screen(light, white), made.shown)
     size = image_size(made.shown)
     exif = _exif(development.headers.get(made.source), size)

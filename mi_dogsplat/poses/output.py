@@ -12,7 +12,7 @@ import numpy as np
 
 from ..datasets.colmap import read_sources
 from ..datasets.exr import is_exr
-from ..datasets.images import read_image
+from ..datasets.images import read_image, saturation
 from ..datasets.lens import Undistortion, undistortion
 from ..datasets.masks import composed, mask_files
 from ..datasets.point_colors import in_srgb
@@ -83,7 +83,7 @@ def undistort(
 def _resample(source: Path, target: Path, how: Undistortion) -> None:
     if target.is_file():
         return
-    write_resampled(how.image(read_image(source), unlimited=is_exr(source)), target)
+    write_resampled(how.image(read_image(source), unlimited=is_exr(source)), target, saturation(source))
 
 
 def _pinhole(pycolmap: Any, model: Any, straight: dict[str, Undistortion]) -> Any:

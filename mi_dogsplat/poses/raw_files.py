@@ -24,6 +24,7 @@ from .exif import tags_of
 
 TIFF = (b"II*\0", b"MM\0*")  # how most raw files begin, DNG among them
 SATURATED = 65535  # the level that a sensor's largest becomes
+FULL = 0.95  # of it: from here on a channel may have been at the end of its range, which no two of a sensor share
 Balance = tuple[float, float, float]
 
 

@@ -15,10 +15,11 @@ from ..support.pictures import write_radiance
 QUALITY = {"quality": 98, "subsampling": 0}  # of JPEG: the pixels have been compressed before
 
 
-def write_resampled(pixels: np.ndarray, target: Path) -> None:
-    """Write pixels [H, W, 3], or [H, W, 4] premultiplied: display values as JPEG or PNG, linear light as OpenEXR."""
+def write_resampled(pixels: np.ndarray, target: Path, saturation: float | None = None) -> None:
+    """Write pixels [H, W, 3], or [H, W, 4] premultiplied: display values as JPEG or PNG, linear light as OpenEXR, with
+    its ``saturation`` (``write_radiance``)."""
     if is_exr(target):
-        return write_radiance(target, pixels)
+        return write_radiance(target, pixels, saturation)
     if pixels.shape[2] == 4:  # PNG is not premultiplied
         pixels = np.concatenate([straight_color(pixels[..., :3], pixels[..., 3:]), pixels[..., 3:]], axis=2)
     image = Image.fromarray(np.rint(np.clip(pixels, 0, 1) * 255).astype(np.uint8))

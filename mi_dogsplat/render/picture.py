@@ -118,9 +118,20 @@ def light_of(picture: Picture) -> np.ndarray:
     return srgb_to_linear(picture.color) if picture.radiance is None else np.maximum(picture.radiance, 0)
 
 
+def light_seen_as(picture: Picture, view: View) -> np.ndarray:
+    """[H, W, 3] linear radiance of a picture, as that of a view which it is compared with: no brighter where the sensor
+    was full."""
+    light, recording = light_of(picture), view.recording
+    if recording.saturated is None:
+        return light
+    bound = recording.image[..., :3]
+    return np.where(recording.saturated[..., None], np.minimum(light, bound), light)
+
+
 def seen_as(picture: Picture, view: View) -> np.ndarray:
-    """[H, W, 3] display-referred: a picture in the exposure of the ``photograph`` that it is compared with."""
-    return exposed_by(picture, view.white)
+    """[H, W, 3] display-referred: a picture in the exposure of the ``photograph`` that it is compared with; no brighter
+    where that is saturated."""
+    return picture.color if view.white is None else displayed(light_seen_as(picture, view), view.white)
 
 
 def exposed_by(picture: Picture, white: float | None) -> np.ndarray:

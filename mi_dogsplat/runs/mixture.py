@@ -22,7 +22,7 @@ from ..datasets.masks import Masks
 from ..engine.options import RasterOptions
 from ..engine.parameters import upload
 from ..measure.metrics import evaluate, flip, masked
-from ..render.picture import Picture, photograph, render_picture
+from ..render.picture import Picture, photograph, render_picture, seen_as
 from ..report.run_folder import DOG_PROFILE
 from ..report.views import ranked
 from ..scene.drawing import DrawnAs
@@ -91,7 +91,7 @@ def write_comparison(
     ``without_dog`` the ``metrics`` of the whole view and the absolute ``error`` of each pixel of that row.
     """
     truth = photograph(view, background)
-    ours, plain = with_dog(view).color, without_dog(view).color
+    ours, plain = (seen_as(render(view), view) for render in (with_dog, without_dog))
     counted = {"with_dog": masked(ours, truth, mask), "without_dog": masked(plain, truth, mask)}
     row = most_different_row(*counted.values())
     profile: dict[str, Any] = {"view": view.name, "without": without, "row": row}

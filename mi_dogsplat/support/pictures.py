@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from .files import replacing
 from .srgb import srgb_to_linear
 
 HEADER = {"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage}  # lossless
+SATURATION = "sensorSaturation"  # attribute: the value of a channel from which on the sensor was full
 COLORS = ("RGBA", "RGB", "XYZA", "XYZ", "YA", "Y")  # of a film: letters of its channels, and name of its format
 # The magma colour map (van der Walt and Smith, CC0) at 17 points; linear between them is within 2.3/255.
 MAGMA = (
@@ -89,23 +91,29 @@ def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
     write_channels(path, planes)
 
 
-def write_radiance(path: str | Path, image: NDArray) -> None:
+def write_radiance(path: str | Path, image: NDArray, saturation: float | None = None) -> None:
     """Write linear radiance [H, W, 3], or premultiplied [H, W, 4], to an OpenEXR file of half floats.
 
-    What is brighter than they can hold becomes the most that they can. Raises ``OSError``.
+    What is brighter than they can hold becomes the most that they can. ``saturation``: the value of a channel from
+    which on the sensor was full; None where there was none. Raises ``OSError``.
     """
     halves = np.minimum(image, np.finfo(np.float16).max).astype(np.float16)
-    write_channels(path, {name: halves[..., c] for c, name in enumerate("RGBA"[: image.shape[2]])})
+    attributes = {} if saturation is None else {SATURATION: float(saturation)}
+    write_channels(path, {name: halves[..., c] for c, name in enumerate("RGBA"[: image.shape[2]])}, attributes)
 
 
-def write_channels(path: str | Path, planes: Mapping[str, NDArray]) -> None:
+def write_channels(
+    path: str | Path, planes: Mapping[str, NDArray], attributes: Mapping[str, float] = MappingProxyType({})
+) -> None:
     """Write [H, W] planes of float16, float32 or uint32 to an OpenEXR file as they are, by their names.
+
+    ``attributes`` are written beside those that OpenEXR needs.
 
     Raises ``OSError``. Mitsuba's own writer takes all planes in one array, and waits for ever where there is one core.
     """
     whole = {name: np.ascontiguousarray(plane) for name, plane in planes.items()}  # strides are not looked at
     written = io.BytesIO()  # OpenEXR opens no path that is not UTF-8
-    OpenEXR.File(dict(HEADER), whole).write(written)
+    OpenEXR.File({**HEADER, **attributes}, whole).write(written)
     with replacing(path) as part:
         part.write_bytes(written.getbuffer())
 

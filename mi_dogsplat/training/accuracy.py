@@ -42,6 +42,7 @@ def errors_of_test_views(trainer: Measured, with_flip: bool = False) -> dict[str
         mask = masks.of(view) if masks else None
         if mask is not None and not mask.any():
             continue
+        view = view.in_memory()
         image, truth = seen_as(trainer.picture(view), view), photograph(view, trainer.background)
         errors["test_psnr"].append(psnr(image, truth, mask))
         if with_flip:

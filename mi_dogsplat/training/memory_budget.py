@@ -30,6 +30,7 @@ from .optimizer.trained_arrays import TrainedArrays
 
 BASE = 230e6  # Python, Mitsuba, LLVM, kernels and, where none are kept from before, their compilation
 TARGET = 40  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
+BOUNDS = 12  # bytes per pixel of a training view that is saturated somewhere
 MASK = 1  # byte per pixel of a training view that has one
 AT_WORK = 150  # bytes per pixel of the view that is rendered: planes, what the loss is made of, gradients
 TARGETS_SHARE = 0.25  # of the memory; if they need more, they are made when they are due, in a third of the loss's time
@@ -165,6 +166,7 @@ def budget(
     if not keep:
         targets = sum(view.n_bytes for view in dataset.train)
     targets += MASK * sum(pixels) if masked and not on_disk else 0
+    targets += 0 if on_disk else BOUNDS * sum(_saturated_sizes(dataset))
     at_work = (AT_WORK + (0 if keep else TARGET)) * max(pixels)
     floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
     floats += floats_of(groups)
@@ -174,3 +176,9 @@ def budget(
     rows = min(view.camera.height for view in dataset.train) // Blocks.of_backend().tile_height
     bands = min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
     return Budget(total, *held, LISTED + WALKED / bands, keep_targets=keep, later=later)
+
+
+def _saturated_sizes(dataset: Dataset) -> list[int]:
+    """Pixels of each training view that is saturated somewhere."""
+    views = dataset.train if dataset.white is not None else []
+    return [view.camera.width * view.camera.height for view in views if view.recording.saturated is not None]

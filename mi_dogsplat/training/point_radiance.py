@@ -32,18 +32,25 @@ def point_radiance(dataset: Dataset) -> np.ndarray:
 
 
 def _seen(dataset: Dataset) -> np.ndarray:
-    """[P, 3] median over views of what they show at each point, in units of white; NaN where none does."""
+    """[P, 3] median over views of what they show at each point, in units of white; NaN where none does.
+
+    Views that are saturated there only say how bright a point is at least.
+    """
     views = dataset.train[:: -(-len(dataset.train) // MAX_VIEWS)]
-    shown = np.full((len(views), len(dataset.points), 3), np.nan, np.float32)
-    for row, view in zip(shown, views, strict=True):
+    shown, least = np.full((2, len(views), len(dataset.points), 3), np.nan, np.float32)
+    for k, view in enumerate(views):
         pixels, depth = view.camera.project(dataset.points)
         with np.errstate(invalid="ignore"):
             inside = (depth > 0) & (pixels >= 0).all(axis=1)
             inside &= (pixels < (view.camera.width, view.camera.height)).all(axis=1)
         column, line = pixels[inside].astype(np.int64).T
-        color = view.image[line, column] / np.float32(view.white or 1.0)
-        row[inside] = color[:, :3]
+        recording = view.recording
+        color = recording.image[line, column, :3] / np.float32(view.white or 1.0)
+        full = np.zeros(len(line), bool) if recording.saturated is None else recording.saturated[line, column]
+        shown[k, inside] = np.where(full[:, None], np.nan, color)
+        least[k, inside] = np.where(full[:, None], color, np.nan)
     found = np.full((len(dataset.points), 3), np.nan)
-    some = np.isfinite(shown[..., 0]).any(axis=0)
-    found[some] = np.nanmedian(shown[:, some], axis=0)
+    told, bounded = (np.isfinite(of_views[..., 0]).any(axis=0) for of_views in (shown, least))
+    found[told] = np.nanmedian(shown[:, told], axis=0)
+    found[bounded & ~told] = np.nanmax(least[:, bounded & ~told], axis=0)
     return found

@@ -7,9 +7,9 @@ import numpy as np
 import OpenEXR
 import pytest
 from mi_dogsplat.datasets import claimed_size
-from mi_dogsplat.datasets.exr import exr_header, read_exr
+from mi_dogsplat.datasets.exr import exr_header, exr_saturation, read_exr
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.support.pictures import write_radiance
+from mi_dogsplat.support.pictures import SATURATION, write_radiance
 
 RNG = np.random.default_rng(0)
 RGB = RNG.uniform(0, 40, (6, 9, 3)).astype(np.float32)
@@ -148,3 +148,20 @@ def test_what_lies_outside_of_the_picture_is_no_way_to_fill_the_memory(tmp_path,
 def test_what_halves_cannot_hold_becomes_the_most_that_they_can(tmp_path):
     write_radiance(tmp_path / "a.exr", np.full((2, 2, 3), 1e6, np.float32))
     assert read_exr(tmp_path / "a.exr").max() == 65504
+
+
+def test_the_value_of_a_full_sensor_is_an_attribute_of_the_part_that_is_the_picture(tmp_path):
+    write_radiance(tmp_path / "a.exr", RGB, 0.75)
+    write_radiance(tmp_path / "b.exr", RGB)
+    assert exr_saturation(tmp_path / "a.exr") == 0.75 and exr_saturation(tmp_path / "b.exr") is None
+    beside = OpenEXR.Part({"name": "depth", SATURATION: 3.0}, {"Z": np.ones(RGB.shape[:2], np.float32)}, "depth")
+    picture = OpenEXR.Part({"name": "picture", SATURATION: 2.0}, {"RGB": RGB.copy()}, "picture")
+    OpenEXR.File([beside, picture]).write(str(tmp_path / "c.exr"))
+    assert exr_saturation(tmp_path / "c.exr") == 2
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), "bright"])
+def test_a_value_of_a_full_sensor_that_is_none_is_refused(tmp_path, value):
+    path = write(tmp_path / "a.exr", {"RGB": RGB}, **{SATURATION: value})
+    with pytest.raises(DataError, match="a.exr: has the attribute sensorSaturation = .* no radiance above 0; remove"):
+        exr_saturation(path)

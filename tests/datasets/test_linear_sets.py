@@ -64,6 +64,49 @@ def test_a_lamp_does_not_ring_over_what_is_around_it_when_a_lens_is_taken_out(tm
     assert (view.image[away] == 0.125).all()
 
 
+def write_views(folder: Path, image: np.ndarray, full: float | None, **lens: float) -> Path:
+    """A data set of two views that show the same image."""
+    frames = [{"file_path": f"{i}.exr", "transform_matrix": np.eye(4).tolist()} for i in range(2)]
+    folder.mkdir(exist_ok=True)
+    for frame in frames:
+        write_radiance(folder / frame["file_path"], image, full)
+    (folder / "transforms.json").write_text(json.dumps({"fl_x": 60, "frames": frames} | lens))
+    return folder
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_a_pixel_is_saturated_where_a_channel_of_what_it_is_made_of_reaches_the_value_of_a_full_sensor(
+    tmp_path, on_disk
+):
+    image = np.full((48, 64, 3), 0.125, np.float32)
+    image[20, 30] = 0.125, 2, 0.125
+    image[40, 10] = 1.875
+    write_views(tmp_path / "a", image, 2.0)
+    expected = np.zeros((48, 64), bool)
+    expected[20, 30] = True
+    view = load_dataset(tmp_path / "a", on_disk=on_disk).train[0]
+    np.testing.assert_array_equal(view.recording.saturated, expected)
+    np.testing.assert_array_equal(view.image, image)  # its values stay
+    for factor in (2, 4):
+        small = load_dataset(tmp_path / "a", factor, on_disk=on_disk).train[0].recording
+        blocks = expected.reshape(48 // factor, factor, 64 // factor, factor).any(axis=(1, 3))
+        np.testing.assert_array_equal(small.saturated, blocks)
+    write_views(tmp_path / "b", image, None)
+    write_views(tmp_path / "c", image, 2.1)
+    for folder in ("b", "c"):
+        assert load_dataset(tmp_path / folder, on_disk=on_disk).train[0].recording.saturated is None
+
+
+def test_saturated_pixels_move_with_those_of_the_photograph_when_a_lens_is_taken_out(tmp_path):
+    image = np.full((48, 64, 3), 0.125, np.float32)
+    image[4:9, 4:9] = 2
+    view = load_dataset(write_views(tmp_path / "a", image, 2.0, k1=-0.1)).train[0]
+    full = view.recording.saturated
+    assert view.straight and full is not None
+    shown = view.image.max(axis=2) > 0.2
+    assert full[shown].all() and full.sum() < 3 * shown.sum() and shown.sum() > 9
+
+
 def test_images_are_linear_premultiplied_and_exposed(data):
     dataset = load_dataset(data)
     view = dataset.train[0]

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from mi_dogsplat.datasets.exr import read_exr
 from mi_dogsplat.datasets.point_ply import write_point_ply
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.render.picture import Picture, render_picture
@@ -44,4 +45,18 @@ def write_hdr_data(folder: Path, unit: float = 1.0, alpha: bool = False) -> Path
     write_point_ply(folder / "points.ply", near, displayed(0.5 + C0 * splats.sh_coeffs[:, 0], unit))
     content = {"w": WIDTH, "h": HEIGHT, "fl_x": 1.1 * WIDTH, "fl_y": 1.1 * WIDTH, "frames": frames}
     (folder / "transforms.json").write_text(json.dumps(content | {"ply_file_path": "points.ply"}))
+    return folder
+
+
+FULL = 1.0  # radiance at which the sensor of ``write_saturated_data`` is full, below that of the lamps
+
+
+def write_saturated_data(folder: Path, alpha: bool = False, told: bool = True, whole: int = 2) -> Path:
+    """The same, taken by a sensor that is full at ``FULL``, which the images tell, in all but the last ``whole``."""
+    write_hdr_data(folder, alpha=alpha)
+    images = sorted((folder / "images").iterdir())
+    for image in images[: len(images) - whole]:
+        pixels = read_exr(image)
+        pixels[..., :3] = np.minimum(pixels[..., :3], FULL)
+        write_radiance(image, pixels, FULL if told else None)
     return folder

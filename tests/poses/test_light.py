@@ -8,7 +8,7 @@ import pytest
 from apple_notes import apple_note
 from dng_files import RATIONAL, SHORT, UNDEFINED, write_dng
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.datasets.exr import read_exr
+from mi_dogsplat.datasets.exr import exr_saturation, read_exr
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.light import prepare_light
@@ -50,6 +50,25 @@ def test_a_surface_has_one_light_however_long_the_shutter_was_open(tmp_path):
     prepared(tmp_path / "in", tmp_path)
     for name, light in lights(tmp_path).items():
         np.testing.assert_allclose(light, 2 * inside(scene()), rtol=0.01, err_msg=name)
+
+
+def test_light_tells_from_which_value_on_the_sensor_was_full(tmp_path):
+    """In the unit of the light, so that a short exposure tells what a long one cannot. OpenEXR is copied as it is."""
+    (tmp_path / "in").mkdir()
+    for k, time in enumerate((0.08, 0.02, 0.005)):
+        write_dng(tmp_path / "in" / f"{k}.dng", scene(), NEUTRAL, (time, 100, 1.0))
+    write_radiance(tmp_path / "in" / "3.exr", scene(), 7.0)
+    prepared(tmp_path / "in", tmp_path)
+    files = [tmp_path / "images" / f"{k}.exr" for k in range(4)]
+    levels = [exr_saturation(file) for file in files]
+    assert levels == pytest.approx([0.95 / 4, 0.95, 4 * 0.95, 7])
+    truth = inside(read_exr(files[2]))
+    for file, level in zip(files[:2], levels, strict=False):
+        light = inside(read_exr(file))
+        full = light.max(axis=2) >= level
+        assert full.any() == (truth.max() >= level) and (truth[full].max(axis=1) > 0.99 * level).all()
+        np.testing.assert_allclose(light[~full], truth[~full], rtol=0.02)
+    assert inside(read_exr(files[0])).max() <= 0.25 < truth.max()  # of the longest exposure
 
 
 def test_nothing_is_divided_out_where_a_file_does_not_say_its_exposure(tmp_path):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from dataset_folders import HEIGHT, N_VIEWS, WIDTH, colmap_folder
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.exr import exr_saturation
 from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.poses.output import PART, undistort, write_model
 from mi_dogsplat.support.errors import DataError
@@ -61,7 +62,7 @@ def test_openexr_loses_its_lens_as_where_it_is_read_and_masks_come_along(tmp_pat
     for file in list((bent / "images").iterdir()):
         light = np.full((HEIGHT, WIDTH, 3), 0.1, np.float32)
         light[7, 10] = 1000
-        write_radiance(file.with_suffix(".exr"), light)
+        write_radiance(file.with_suffix(".exr"), light, 900.0)
         file.unlink()
         left = np.tile(np.where(np.arange(WIDTH) < WIDTH // 2, 255, 0).astype(np.uint8), (HEIGHT, 1))
         Image.fromarray(left).save(bent / "masks" / f"{file.stem}.jpg.png")
@@ -73,6 +74,7 @@ def test_openexr_loses_its_lens_as_where_it_is_read_and_masks_come_along(tmp_pat
         made, known = (Masks(folder / "masks", [of]).of(of) for folder, of in ((out, view), (bent, read)))
         assert made is not None and known is not None and 0 < made.sum() < made.size
         np.testing.assert_array_equal(made, known)
+        assert exr_saturation(out / "images" / f"{view.name}.exr") == 900
 
 
 def test_a_lens_that_cannot_be_undone_is_one_line(tmp_path):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -16,8 +16,8 @@ import numpy as np
 
 from ...datasets import Dataset
 from ...datasets.dataset import View, as_bytes
-from ...datasets.images import box_downscale
 from ...datasets.masks import Masks, all_black
+from ...datasets.view_images import shrunk
 from ...engine.arrays import detached
 from ...engine.device_camera import DeviceCamera
 from ...engine.parameters import device_array, device_bytes
@@ -28,6 +28,26 @@ from .appearance import LearnedAppearance
 from .loss import PhotometricLoss, Target
 from .read_ahead import ReadAhead
 from .tone_curve import SrgbLog, ToneCurve
+from .truth import Truth
+
+
+@dataclass(frozen=True)
+class _Decoded:
+    """A view on the host: its image, bytes or floats; its mask, and where it is saturated [H, W], or None."""
+
+    image: np.ndarray
+    mask: np.ndarray | None
+    saturated: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class _OnDevice:
+    """A view on the device: its image, ``prepared`` as far as can be before it is due; its mask, bytes; ``bounds`` as
+    of ``Truth``, or, where the background changes, one plane that makes them by being added to the image."""
+
+    prepared: Any
+    mask: Any
+    bounds: list | Any
 
 
 class Photographs:
@@ -82,7 +102,7 @@ class Photographs:
         if factor == self.factor:
             return
         small = [
-            View(v.name, v.camera.downscaled(factor), box_downscale(v.image, factor), v.straight, v.white)
+            View(v.name, v.camera.downscaled(factor), shrunk(v.recording, factor), v.straight, v.white)
             for v in self.originals
         ]
         self._show(self.originals if factor == 1 else small, factor)
@@ -92,9 +112,9 @@ class Photographs:
         self.cameras = [DeviceCamera.upload(view.camera, self.near_clip) for view in views]
         self._ahead = ReadAhead(lambda k: self._decoded(views[k])) if self.on_disk else None
         self._kept, counts = [], False
-        for image, mask in (self._decoded(view) for view in views if not self.on_disk):
-            self._kept.append(self._on_device(image, mask))
-            counts |= mask is None or bool(mask.any())
+        for decoded in (self._decoded(view) for view in views if not self.on_disk):
+            self._kept.append(self._on_device(decoded))
+            counts |= decoded.mask is None or bool(decoded.mask.any())
         if self.on_disk:  # reads masks up to the first that counts, mostly one
             counts = any(mask is None or mask.any() for mask in map(self.mask, range(len(views))))
         if not counts and self.mask_folder:
@@ -134,11 +154,11 @@ class Photographs:
 
     def compare(self, planes: list, view: int, step: int, upcoming: Sequence[int] = ()) -> tuple[Any, Any, list]:
         """L1, loss, and its gradient by the planes; the appearance takes its step. ``upcoming`` ones are read ahead."""
-        target, mask = self._target(view, upcoming)
+        truth = self._truth(view, upcoming)
         recorded = self._recorded(planes, view)
-        l1, _, loss, gradient = self.loss.value_and_gradient(self._seen(recorded, mask), target)
-        if mask is not None:
-            gradient = [δ * detached(mask) for δ in gradient]
+        seen = self._seen(recorded)
+        l1, _, loss, gradient = self.loss.value_and_gradient(truth.comparable(seen), truth.target)
+        gradient = truth.gradient(gradient, seen)
         if self.curve:
             gradient = [δ * self.curve.slope(plane) for δ, plane in zip(gradient, detached(recorded), strict=True)]
         if self.appearance:
@@ -151,39 +171,45 @@ class Photographs:
 
     def l1(self, planes: list, view: int) -> Any:
         """The L1 of ``compare`` alone."""
-        target, mask = self._target(view, range(view + 1, len(self.views)))
-        return self.loss.l1(self._seen(self._recorded(planes, view), mask), target)
+        truth = self._truth(view, range(view + 1, len(self.views)))
+        return self.loss.l1(truth.comparable(self._seen(self._recorded(planes, view))), truth.target)
 
     def _recorded(self, planes: list, view: int) -> list:
         """Rendered planes as the camera of a view recorded them."""
         return self.appearance.applied(planes, view, self._size(view)) if self.appearance else planes
 
-    def _seen(self, planes: list, mask: Any) -> list:
-        """What the loss gets of recorded planes."""
-        if self.curve:
-            planes = [self.curve(plane) for plane in detached(planes)]
-        return planes if mask is None else [plane * mask for plane in detached(planes)]
+    def _seen(self, planes: list) -> list:
+        """What the loss sees of recorded planes."""
+        return [self.curve(plane) for plane in detached(planes)] if self.curve else planes
 
-    def _target(self, view: int, upcoming: Sequence[int]) -> tuple[Target, Any]:
-        """What a view is compared with, and its mask: a plane, or None where it counts whole."""
-        kept = self._on_device(*self._ahead.take(view, upcoming)) if self._ahead else self._kept[view]
-        prepared, mask = kept[0], None if kept[1] is None else mi.Float(kept[1])
-        return prepared if isinstance(prepared, Target) else self._target_of(prepared, mask, view), mask
+    def _truth(self, view: int, upcoming: Sequence[int]) -> Truth:
+        """What a view is compared with."""
+        kept = self._on_device(self._ahead.take(view, upcoming)) if self._ahead else self._kept[view]
+        mask = None if kept.mask is None else mi.Float(kept.mask)
+        if self.random:
+            return self._over_random(kept, mask, view)
+        target = kept.prepared
+        if not isinstance(target, Target):
+            y = _levels(target) if isinstance(target, device_bytes()) else target
+            target = self.loss.target_of_planes([y], *self._size(view))
+        return Truth(target, mask, kept.bounds)
 
-    def _target_of(self, prepared: list | Any, mask: Any, view: int) -> Target:
-        if not isinstance(prepared, list):
-            y = _levels(prepared) if isinstance(prepared, device_bytes()) else prepared
-            return self.loss.target_of_planes([y], *self._size(view))
-        *colors, alpha = prepared
+    def _over_random(self, kept: _OnDevice, mask: Any, view: int) -> Truth:
+        """What is compared with a render that has the background of this step."""
+        *colors, alpha = kept.prepared
         behind = self.color or [dr.opaque(mi.Float, self.background)] * 3
-        planes = [dr.fma(1 - alpha, level, c) for level, c in zip(behind, colors, strict=True)]
-        return self.loss.target_of_planes(self._seen(planes, mask), *self._size(view))
+        planes = self._seen([dr.fma(1 - alpha, level, c) for level, c in zip(behind, colors, strict=True)])
+        bounds = None if kept.bounds is None else [plane + kept.bounds for plane in planes]
+        masked = planes if mask is None else [plane * mask for plane in planes]
+        return Truth(self.loss.target_of_planes(masked, *self._size(view)), mask, bounds)
 
-    def _decoded(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
-        """Image and mask; the image in bytes where it is held so and the loss sees it as it is."""
-        as_it_is = not (self.mask_folder or self.random or self.curve)
-        pixels = view.pixels if as_it_is else None
-        return view.image if pixels is None else pixels, self.mask_folder.of(view) if self.mask_folder else None
+    def _decoded(self, view: View) -> _Decoded:
+        """The image comes in bytes where it is held so and the loss sees it as it is."""
+        mask = self.mask_folder.of(view) if self.mask_folder else None
+        if view.pixels is not None and not (self.mask_folder or self.random or self.curve):
+            return _Decoded(view.pixels, mask, None)
+        recording = view.recording
+        return _Decoded(recording.image, mask, recording.saturated)
 
     def as_seen(self, image: np.ndarray) -> np.ndarray:
         """[H, W, 3] what the loss sees of an image of the data, over the background that is not random, unmasked."""
@@ -205,9 +231,18 @@ class Photographs:
             return image
         return np.concatenate([image[..., :3] / np.float32(self.white), image[..., 3:]], axis=-1)
 
-    def _on_device(self, image: np.ndarray, mask: np.ndarray | None) -> tuple[Target | list | Any, Any]:
-        """What an image is ``_prepared`` to, and its mask as bytes."""
-        return self._prepared(image, mask), None if mask is None else device_array(mask, device_bytes())
+    def _on_device(self, decoded: _Decoded) -> _OnDevice:
+        mask = None if decoded.mask is None else device_array(decoded.mask, device_bytes())
+        return _OnDevice(self._prepared(decoded.image, decoded.mask), mask, self._bounds(decoded))
+
+    def _bounds(self, decoded: _Decoded) -> list | Any:
+        """As ``_OnDevice`` has them."""
+        if decoded.saturated is None:
+            return None
+        if self.random:
+            return device_array(np.where(decoded.saturated, np.float32(0), np.float32(np.inf)))
+        bounds = np.where(decoded.saturated[..., None], self.as_seen(decoded.image), np.float32(np.inf))
+        return [device_array(np.ascontiguousarray(bounds[..., c])) for c in range(3)]
 
     def _prepared(self, image: np.ndarray, mask: np.ndarray | None) -> Target | list | Any:
         """A target, or the image that it is made of, bytes or floats [3 H W]; or, behind which the background changes,

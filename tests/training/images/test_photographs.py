@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.datasets import Dataset, load_dataset
-from mi_dogsplat.datasets.dataset import View, held
+from mi_dogsplat.datasets.dataset import Recording, View, held
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.engine.parameters import device_array, device_bytes
@@ -141,10 +141,10 @@ def test_only_a_few_images_from_disk_are_held_at_a_time_and_each_is_read_once_pe
     dataset = load_dataset(data, on_disk=True)
     alive: list[weakref.ref] = []
 
-    def read(view: View) -> np.ndarray:
-        image = view.image
-        alive.append(weakref.ref(image))
-        return image
+    def read(view: View) -> Recording:
+        recording = view.recording
+        alive.append(weakref.ref(recording.image))
+        return recording
 
     train = [View(v.name, v.camera, lambda v=v: read(v)) for v in dataset.train] * 2
     many = Dataset(dataset.path, train, dataset.test, dataset.points, dataset.point_colors, False)
