@@ -9,6 +9,7 @@ up and is in metres.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,10 @@ from ..scene.quaternions import unit_quaternions
 from ..scene.scales import finite_scales
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
-from .gltf_author import Accessors
+from ..support.files import write_bytes
+from .gltf_author import Accessors, made_for
 from .gltf_read import DISPLAY, LINEAR, NAME
+from .model import Model
 from .packing import LUF
 from .placed import placing
 
@@ -49,6 +52,13 @@ def encode(splats: Splats, drawing: Drawing = Drawing(), binary: bool = True) ->
     if said := drawing.said():
         primitive["extras"] = {EXTRAS: said}
     return accessors.file(primitive, placing(drawing, LUF), [NAME], binary)
+
+
+def write(path: Path, model: Model, binary: bool) -> None:
+    """The same, to a file. Raises ``DataError``."""
+    with made_for(path):
+        content = encode(model.splats, model.drawing, binary)
+    write_bytes(path, content)
 
 
 def sh_names(degree: int) -> list[str]:
