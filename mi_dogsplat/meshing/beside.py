@@ -10,12 +10,15 @@ from ..support.errors import DataError, writing
 from ..support.files import write_bytes
 
 MARK = b"made by mi_dogsplat"  # in each of them: such a one may be replaced
+OBJ = ".obj"
 HEAD = 4096  # bytes of a file, among which the mark is
 
 
 def picture_beside(path: Path) -> Path:
-    """The picture of a mesh that has none inside of its file."""
-    return path.with_name(f"{path.stem}_texture.jpg")
+    """The picture of a mesh that has none inside of its file: another one for each format, as two of them may lie side
+    by side, of two meshes."""
+    suffix = path.suffix.lower()
+    return path.with_name(f"{path.stem}{'' if suffix == OBJ else suffix.replace('.', '_')}_texture.jpg")
 
 
 def material_beside(path: Path) -> Path:
