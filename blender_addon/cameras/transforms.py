@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..files.errors import FileError
-from .camera import OPENCV_FROM_OPENGL, Camera, camera_name, rigid
+from .camera import OPENCV_FROM_OPENGL, Camera, camera_name, require_pixels, rigid
 from .json_object import KINDS, read_json_object
 
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
@@ -76,6 +76,7 @@ def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Pat
         remedy = 'add "fl_x", "fl_y", "w", "h" in pixels'
         raise FileError(path, '"{name}" has no focal length or no size', remedy, name=name)
     cx, cy = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
+    require_pixels(cx, cy, width, height)
     w2c = OPENCV_FROM_OPENGL @ np.linalg.inv(rigid(path, name, frame["transform_matrix"]))
     if MITSUBA in frame:  # half a turn about y
         w2c = OPENGL_FROM_MITSUBA @ w2c
