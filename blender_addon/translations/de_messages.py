@@ -157,6 +157,10 @@ MESSAGES = {
     "what is selected shows no splats; select some, or what makes instances of them": (
         "was ausgewählt ist, zeigt keine Splats; welche auswählen, oder was Instanzen von ihnen macht"
     ),
+    'the custom property {name} of "{object}" is no matrix with an inverse; remove it, or import again': (
+        "die benutzerdefinierte Eigenschaft {name} von „{object}“ ist keine Matrix mit einer Inversen; sie entfernen "
+        "oder neu importieren"
+    ),
     "there is no splat to export": "es gibt keinen Splat zu exportieren",
     "select a model that has some, or open its crop": (
         "ein Modell auswählen, das welche hat, oder seinen Zuschnitt weiter öffnen"
