@@ -112,7 +112,8 @@ def train(
     del model  # its memory is for the training
     if start:
         restore_from(trainer, start)
-    method = method or (described(recipe) if recipe else None)
+    if recipe and not method:
+        method = described(recipe if config.model is None else recipe.from_pruning())
     with undisguised(progress) as told, _begun(trainer, out, resume, method):
         notes = without_mask(config.masks, (view.name for view in dataset.views))
         told({"step": trainer.step_count, "n": trainer.optimizer.n, "notes": notes})
