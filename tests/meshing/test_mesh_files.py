@@ -15,6 +15,7 @@ from mi_dogsplat.formats.gltf_container import Container, matrix_of
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.usd_files import NAMES
 from mi_dogsplat.formats.write import write_model
+from mi_dogsplat.meshing import mesh_files
 from mi_dogsplat.meshing.mesh import Mesh, Texture
 from mi_dogsplat.meshing.mesh_files import WRITERS, writer_of
 from mi_dogsplat.scene.drawing import Drawing
@@ -173,6 +174,24 @@ def test_without_the_mesh_nothing_of_its_texture_is_left(suffix, tmp_path):
     with pytest.raises(DataError, match=f"mesh{suffix}"):
         writer_of(path, texture=True)(path, PAINTED, Drawing())
     assert [*tmp_path.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".usda"])
+def test_where_a_mesh_cannot_be_written_the_texture_of_an_earlier_one_stays(suffix, tmp_path, monkeypatch):
+    """It stayed with the picture of another."""
+    path = tmp_path / f"mesh{suffix}"
+    writer_of(path, texture=True)(path, PAINTED, Drawing())
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    others = Mesh(VERTICES, FACES, texture=Texture(UV, 1 - QUARTERS))
+
+    def full(*_):
+        raise DataError(path, "cannot be written (no space)", "make room")
+
+    monkeypatch.setattr(mesh_files, "write_bytes", full)
+    monkeypatch.setattr(mesh_files, "write_stage", full)
+    with pytest.raises(DataError, match="no space"):
+        writer_of(path, texture=True)(path, others, Drawing())
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
