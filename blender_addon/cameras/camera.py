@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from ..files.errors import FileError
+from ..files.errors import FileError, told
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 RIGID_TOLERANCE = 1e-3
+SHARES, SMALL = (0.2, 0.8), 8  # as the package has them: where a principal point is in shares, and sides in pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,15 @@ class Camera:
         film = self.film and (self.film[0] * x, self.film[1] * y, self.film[2] * x, self.film[3] * y)
         lens = {"fx": self.fx * x, "fy": self.fy * y, "cx": self.cx * x, "cy": self.cy * y}
         return replace(self, **lens, width=width, height=height, film=film)
+
+
+def require_pixels(cx: float, cy: float, width: int, height: int) -> None:
+    """Raise ``ValueError`` for the principal point of a file that is in shares of the image's sides, as the package
+    does: taken for pixels it is in a corner."""
+    low, high = SHARES
+    if low <= min(cx, cy) <= max(cx, cy) <= high and min(width, height) >= SMALL:
+        problem = "cx {cx:g} and cy {cy:g} of an image of {size} are shares of its sides, not pixels"
+        raise ValueError(told(problem, cx=cx, cy=cy, size=f"{width}x{height}"))
 
 
 def rigid(path: Path, name: str, matrix: Any) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..files.errors import FileError, told
 from ..files.rotation import rotations
-from .camera import Camera, camera_name, rigid
+from .camera import Camera, camera_name, require_pixels, rigid
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 # Number in binary files, name, number of parameters. A fisheye bends rays even with zero coefficients.
@@ -80,6 +80,11 @@ def _intrinsics(path: Path, camera_id: int, model: str, width: int, height: int,
     if not (np.isfinite(values).all() and min(fx, fy) > 0 and min(width, height) > 0):
         size, problem = f"{width}x{height}", "camera {number} is {size} with parameters {values}"
         raise FileError(path, problem, DAMAGED, number=camera_id, size=size, values=values)
+    try:
+        require_pixels(cx, cy, width, height)
+    except ValueError as error:
+        problem, remedy = "camera {number}: {reason}", "multiply them by width and height"
+        raise FileError(path, problem, remedy, number=camera_id, reason=error) from None
     bent = any(distortion) or model.endswith("FISHEYE")
     return {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "width": width, "height": height, "bent": bent}
 

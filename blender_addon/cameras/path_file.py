@@ -12,7 +12,7 @@ import numpy as np
 
 from ..files.errors import FileError, told
 from ..files.rotation import rotations
-from .camera import Camera, rigid
+from .camera import Camera, require_pixels, rigid
 
 AUTOMATIC_FOV = 40.0  # degrees of the shorter side, where no key says any: as the package has it
 FORMAT = 'give {"keys": [{"time": seconds, "position": [x, y, z], "look_at": [x, y, z], "fov": degrees}, ...]}'
@@ -89,6 +89,7 @@ def _given(path: Path, i: int, entry: dict[str, Any]) -> Camera:
     size = int(width), int(height)  # of what is no number, ValueError and OverflowError
     if size != (width, height) or min(fx, fy, *size) <= 0 or not np.isfinite((fx, fy, cx, cy)).all():
         raise ValueError("its lengths in pixels are those of no camera")
+    require_pixels(cx, cy, *size)
     return Camera(f"key {i}", rigid(path, f"key {i}", entry["w2c"]), fx, fy, cx, cy, *size)
 
 

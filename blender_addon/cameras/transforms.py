@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..files.errors import FileError
-from .camera import OPENCV_FROM_OPENGL, Camera, camera_name, rigid
+from .camera import OPENCV_FROM_OPENGL, Camera, camera_name, require_pixels, rigid
 from .json_object import KINDS, read_json_object
 
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
@@ -21,7 +21,8 @@ DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 LISTED = "distortion_params"  # nerfstudio's, a list of such
 MITSUBA = "normal_mts_args"  # by it instant-ngp knows Mitsuba's axes: x left, y up, z forward
 OPENGL_FROM_MITSUBA = np.diag([-1.0, 1.0, -1.0, 1.0])
-FOCALS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}
+ANGLES = {"camera_angle_x", "camera_angle_y"}
+OPTICS = {"fl_x", "fl_y"} | ANGLES
 NAME = "view_name"  # the package's: of a frame that is named otherwise than by its file, as where this lies elsewhere
 
 
@@ -37,14 +38,20 @@ def read_transforms(path: Path, size_of: Callable[[Path], tuple[int, int]]) -> l
             problem = 'frame {number} lacks "file_path" or "transform_matrix"'
             raise FileError(path, problem, "add both to each frame", number=i)
         try:
-            angles = not ANGLES.isdisjoint(frame) and FOCALS.isdisjoint(frame)  # which focal lengths at the top are not
-            shared = {key: value for key, value in content.items() if not angles or key not in FOCALS | ANGLES}
-            cameras.append(_transforms_camera(path, {**shared, **frame}, size_of))
+            cameras.append(_transforms_camera(path, _merged(content, frame), size_of))
         except (TypeError, ValueError, ZeroDivisionError) as error:
             if isinstance(error, FileError):
                 raise
             raise FileError(path, "frame {number}: {reason}", "correct its numbers", number=i, reason=error) from error
     return cameras
+
+
+def _merged(content: dict[str, Any], frame: dict[str, Any]) -> dict[str, Any]:
+    """What a frame says, and where it says nothing what stands at the top; focal lengths as the package has them."""
+    of_frame, of_all = (OPTICS & part.keys() for part in (frame, content))
+    same_side = {key[-1] for key in of_frame} & {key[-1] for key in of_all}
+    alone = bool(of_frame) and (bool(same_side) or of_frame <= ANGLES)
+    return {key: value for key, value in content.items() if not alone or key not in OPTICS} | frame
 
 
 def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Path], tuple[int, int]]) -> Camera:
@@ -69,6 +76,7 @@ def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Pat
         remedy = 'add "fl_x", "fl_y", "w", "h" in pixels'
         raise FileError(path, '"{name}" has no focal length or no size', remedy, name=name)
     cx, cy = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
+    require_pixels(cx, cy, width, height)
     w2c = OPENCV_FROM_OPENGL @ np.linalg.inv(rigid(path, name, frame["transform_matrix"]))
     if MITSUBA in frame:  # half a turn about y
         w2c = OPENGL_FROM_MITSUBA @ w2c

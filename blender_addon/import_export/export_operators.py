@@ -62,8 +62,8 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
             return {"CANCELLED"}
         objects, path = [obj for obj, _, _ in placed], Path(bpy.path.abspath(self.filepath))
         first = context.object if context.object in objects else objects[0]
-        target = np.linalg.inv(import_matrix(first)) if self.space == "FILE" else np.eye(4)
         try:
+            target = np.linalg.inv(import_matrix(first)) if self.space == "FILE" else np.eye(4)
             models = [placed_model(obj, depsgraph, target @ matrix, self.hidden) for obj, matrix, _ in placed]
             models, light = in_common_light(models, [light_of(obj) for obj in objects])
             model = concatenate(models)

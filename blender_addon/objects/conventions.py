@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..files.errors import readable
+from ..files.errors import readable, told
 from ..files.light import Light
 from ..files.linear_map import is_similarity
 from ..files.said import Said
@@ -77,13 +77,18 @@ def light_of(obj: bpy.types.Object) -> Light:
 
 
 def import_matrix(obj: bpy.types.Object) -> np.ndarray:
-    """[4, 4] from coordinates of the file to Blender's; the identity for objects from elsewhere."""
-    return _matrix(obj, IMPORT_MATRIX)
+    """[4, 4] from coordinates of the file to Blender's; the identity for objects from elsewhere. Raises ``ValueError``
+    for numbers that are none, as anybody may edit them."""
+    matrix = _matrix(obj, IMPORT_MATRIX)
+    if matrix is None:
+        problem = 'the custom property {name} of "{object}" is no matrix with an inverse; remove it, or import again'
+        raise ValueError(told(problem, name=IMPORT_MATRIX, object=obj.name))
+    return matrix
 
 
 def placement(obj: bpy.types.Object) -> np.ndarray:
     """[4, 4] from coordinates of the file to Blender's as the object is placed now."""
-    return np.array(obj.matrix_world, np.float64) @ _matrix(obj, APPLIED)
+    return np.array(obj.matrix_world, np.float64) @ _sound(obj, APPLIED)
 
 
 def note_applied(obj: bpy.types.Object, matrix: np.ndarray) -> None:
@@ -92,12 +97,26 @@ def note_applied(obj: bpy.types.Object, matrix: np.ndarray) -> None:
     No camera of the file sees a model that is stretched or mirrored. Those that fit are of the file that it would be
     exported to.
     """
-    applied = matrix @ _matrix(obj, APPLIED)
+    applied = matrix @ _sound(obj, APPLIED)
     if not is_similarity(applied[:3, :3]):
-        applied = import_matrix(obj)
+        applied = _sound(obj, IMPORT_MATRIX)
     obj[APPLIED] = applied.ravel().tolist()
 
 
-def _matrix(obj: bpy.types.Object, name: str) -> np.ndarray:
+def _sound(obj: bpy.types.Object, name: str) -> np.ndarray:
+    """A matrix that is written down, or the identity: of a damaged one as where there is none."""
+    matrix = _matrix(obj, name)
+    return np.eye(4) if matrix is None else matrix
+
+
+def _matrix(obj: bpy.types.Object, name: str) -> np.ndarray | None:
+    """[4, 4], the identity where none is written down; None for what has no inverse, or is no matrix."""
     values = obj.get(name)
-    return np.array(list(values), np.float64).reshape(4, 4) if values is not None else np.eye(4)
+    if values is None:
+        return np.eye(4)
+    try:
+        matrix = np.array(list(values), np.float64).reshape(4, 4)
+    except (TypeError, ValueError):
+        return None
+    sound = np.isfinite(matrix).all() and np.linalg.det(matrix) != 0
+    return matrix if sound else None

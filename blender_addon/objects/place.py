@@ -24,10 +24,7 @@ class Place:
     @contextmanager
     def known(self, context: bpy.types.Context) -> Iterator[None]:
         """Meanwhile ``matrix`` is that of each frame, also of what is hidden, which Blender does not evaluate."""
-        with ExitStack() as probes:
-            for obj in filter(None, (self.splats, self.maker)):
-                probes.enter_context(_probe(context, obj))
-            context.view_layer.update()
+        with known_place(context, *filter(None, (self.splats, self.maker))):
             yield
 
     @property
@@ -53,6 +50,16 @@ def place_of(obj: bpy.types.Object | None) -> Place | None:
         return Place(obj)
     found = [inner for inner in obj.instance_collection.all_objects if has_splats(inner)]
     return Place(found[0], obj) if len(found) == 1 else None
+
+
+@contextmanager
+def known_place(context: bpy.types.Context, *objects: bpy.types.Object) -> Iterator[None]:
+    """Meanwhile the matrices of objects are those of each frame, also of what is hidden."""
+    with ExitStack() as probes:
+        for obj in objects:
+            probes.enter_context(_probe(context, obj))
+        context.view_layer.update()
+        yield
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..evaluated.masks import UNSEEN
 from ..objects.attributes import is_splats
+from ..objects.place import known_place
 from ..scene.meshes import parts
 from ..scene.write import WITH_FACES
 from .deleted import is_there
@@ -49,13 +50,15 @@ def surface_points(depsgraph: bpy.types.Depsgraph, objects: list[bpy.types.Objec
     return np.concatenate(found)
 
 
-def region_corners(obj: bpy.types.Object | None) -> np.ndarray:
-    """Corners [8, 3] in the world of the cube of an empty, or of an object's box. Raises ``ValueError``."""
+def region_corners(context: bpy.types.Context, obj: bpy.types.Object | None) -> np.ndarray:
+    """Corners [8, 3] in the world of the cube of an empty, or of an object's box, hidden or not. Raises
+    ``ValueError``."""
     if not is_there(obj):
         raise ValueError("no region is chosen; choose an empty or another object that marks it")
     size = obj.empty_display_size
     corners = product((-size, size), repeat=3) if obj.type == "EMPTY" else obj.bound_box
-    world = np.array(obj.matrix_world, np.float64)
+    with known_place(context, obj):
+        world = np.array(obj.matrix_world, np.float64)
     return np.array([tuple(corner) for corner in corners]) @ world[:3, :3].T + world[:3, 3]
 
 
@@ -64,7 +67,7 @@ def framed(
 ) -> np.ndarray:
     """Points [P, 3] that the cameras have to see. Raises ``ValueError`` where they have no extent."""
     if settings.subject == "REGION":
-        points = region_corners(settings.region)
+        points = region_corners(context, settings.region)
     else:
         points = surface_points(context.evaluated_depsgraph_get(), objects)
     if not len(points) or not np.ptp(points, axis=0).max() > 0:

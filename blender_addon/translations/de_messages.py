@@ -157,6 +157,10 @@ MESSAGES = {
     "what is selected shows no splats; select some, or what makes instances of them": (
         "was ausgewählt ist, zeigt keine Splats; welche auswählen, oder was Instanzen von ihnen macht"
     ),
+    'the custom property {name} of "{object}" is no matrix with an inverse; remove it, or import again': (
+        "die benutzerdefinierte Eigenschaft {name} von „{object}“ ist keine Matrix mit einer Inversen; sie entfernen "
+        "oder neu importieren"
+    ),
     "there is no splat to export": "es gibt keinen Splat zu exportieren",
     "select a model that has some, or open its crop": (
         "ein Modell auswählen, das welche hat, oder seinen Zuschnitt weiter öffnen"
@@ -188,6 +192,9 @@ MESSAGES = {
     "correct it": "sie berichtigen",
     '"{name}" has the lens {lens}, which is none of {known}': "„{name}“ hat die Linse {lens}, keine von {known}",
     "undistort the images first": "zuerst die Bilder entzerren",
+    "cx {cx:g} and cy {cy:g} of an image of {size} are shares of its sides, not pixels": (
+        "cx {cx:g} und cy {cy:g} eines Bildes von {size} sind Anteile seiner Seiten, keine Pixel"
+    ),
     '"{name}" has no focal length or no size': "„{name}“ hat keine Brennweite oder keine Größe",
     'add "fl_x", "fl_y", "w", "h" in pixels': "„fl_x“, „fl_y“, „w“, „h“ in Pixeln ergänzen",
     "cannot be read as an image": "kann nicht als Bild gelesen werden",
@@ -219,6 +226,8 @@ MESSAGES = {
     ),
     "camera {number} is {size} with parameters {values}": "die Kamera {number} ist {size} mit Parametern {values}",
     "camera {number} has {count} parameters": "die Kamera {number} hat {count} Parameter",
+    "camera {number}: {reason}": "die Kamera {number}: {reason}",
+    "multiply them by width and height": "sie mit Breite und Höhe multiplizieren",
     "{size} bytes instead of {expected}": "{size} Bytes statt {expected}",
     # Camera paths
     "cannot be read as JSON ({reason})": "kann nicht als JSON gelesen werden ({reason})",

@@ -22,6 +22,7 @@ from ..measure.lpips import Lpips, weights_path
 from ..runs.checkpoint import load_checkpoint
 from ..support.errors import DataError
 from ..training.config import TrainConfig
+from ..training.resolve import exposed
 from ..training.strategy.scheduler import target_count
 from .folders import REMEDY, settings_in
 from .method_runs import densified_start, draw_in_turn, is_complete, train_method
@@ -169,7 +170,8 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
             (run / LPIPS).unlink()
         train_method(replace(config, target=count), method_of(name), run, start)
     elif task.kind == "time":
-        draw_in_turn(load_dataset(config.data, config.downscale, split=config.split), config, task.complete)
+        dataset = exposed(config, load_dataset(config.data, config.downscale, split=config.split))
+        draw_in_turn(dataset, config, task.complete)
     elif runs := [run for run in task.complete if not (run / LPIPS).exists()]:
         if not weights_path().exists():
             raise DataError(weights_path(), "the weights of LPIPS are not on this machine", "make lpips there")

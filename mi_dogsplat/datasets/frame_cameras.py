@@ -22,7 +22,8 @@ UNDISTORT = "undistort the images first (for instance with COLMAP's image_undist
 MITSUBA = "normal_mts_args"  # by it instant-ngp knows the axes of Mitsuba's cameras
 OPENGL_FROM_MITSUBA = np.diag([-1.0, 1.0, -1.0, 1.0])
 LISTED, IN_LIST = "distortion_params", ("k1", "k2", "k3", "k4", "p1", "p2")  # nerfstudio's, in one list
-FOCALS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}
+ANGLES = {"camera_angle_x", "camera_angle_y"}
+OPTICS = {"fl_x", "fl_y"} | ANGLES
 INTRINSICS = {"w": "width", "h": "height", "fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy"}
 
 
@@ -32,10 +33,15 @@ def intrinsics_of(camera: Camera) -> dict[str, float]:
 
 
 def merged(shared: dict[str, Any], frame: dict[str, Any]) -> dict[str, Any]:
-    """What a frame says, and where it says nothing what stands at the top. Angles of a frame come before focal lengths
-    at the top, too."""
-    if not ANGLES.isdisjoint(frame) and FOCALS.isdisjoint(frame):
-        shared = {key: value for key, value in shared.items() if key not in FOCALS | ANGLES}
+    """What a frame says, and where it says nothing what stands at the top.
+
+    Focal lengths at the top, or angles, are not those of a frame that says another one, not along the other side
+    either: as in instant-ngp, one alone means square pixels.
+    """
+    of_frame, of_all = (OPTICS & part.keys() for part in (frame, shared))
+    same_side = {key[-1] for key in of_frame} & {key[-1] for key in of_all}
+    if of_frame and (same_side or of_frame <= ANGLES):
+        shared = {key: value for key, value in shared.items() if key not in OPTICS}
     return {**shared, **frame}
 
 

@@ -1,9 +1,10 @@
 """Baked Gaussians brought back to what they stand for, by some hundred steps towards pictures.
 
 With a data set these are its photographs, from its training views: so the export loses least of what counts, and may
-gain a little on the model. Without one they are renders of the DoG model itself, from around it and from free places
-inside (``render/vantages.py``). Such views need not be like those that the model was trained for, so that the steps are
-fewer and smaller. Which pictures and which steps: docs/export.md.
+gain a little on the model. What ``--appearance`` has learned of them is taken out of them first. Without a data set
+they are renders of the DoG model itself, from around it and from free places inside (``render/vantages.py``). Such
+views need not be like those that the model was trained for, so that the steps are fewer and smaller. Which pictures and
+which steps: docs/export.md.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from ..render.framing import robust_sphere
 from ..render.picture import background_color, photograph, picture_of, radiance_of
 from ..render.picture_options import PictureOptions
 from ..render.vantages import vantage_cameras
+from ..scene.appearance import Appearance, photographed, radii_squared
 from ..scene.cameras import Camera
 from ..scene.drawing import DrawnAs
 from ..scene.splats import Array, Splats
@@ -31,6 +33,7 @@ PASSES = 10  # over the training views, within these bounds
 BY_DATA = Refinement(start=0, gain=8.0, end_gain=0.01, means_gain=2.0)  # on the step sizes of 3DGS
 BY_RENDERS = Refinement(start=0, gain=0.5, end_gain=0.01, means_gain=0.25)
 N_VANTAGES, VANTAGE_SIZE = 48, (400, 300)  # renders without a data set, pixels
+CLIPPED = 254.5 / 255  # display value of a photograph from which on light is no brighter
 GREY = 0.5  # behind them: black hides what is missing in the dark, white in the bright
 NEAR = 0.01  # of the radius of the model: near clip, where the usual one is farther
 
@@ -62,9 +65,12 @@ def goal_of(
     drawn: DrawnAs,
     up: str | None = None,
     masks: Masks | None = None,
+    appearance: Appearance | None = None,
 ) -> Goal:
     """The photographs of a data set, or renders of the model, which stands ``up``, from at most ``most`` views."""
-    return by_data(model, dataset, most, options, drawn, masks) if dataset else by_renders(model, most, drawn, up)
+    if dataset is None:
+        return by_renders(model, most, drawn, up)
+    return by_data(model, dataset, most, options, drawn, masks, appearance)
 
 
 def by_data(
@@ -74,10 +80,12 @@ def by_data(
     options: PictureOptions,
     drawn: DrawnAs,
     masks: Masks | None = None,
+    appearance: Appearance | None = None,
 ) -> Goal:
-    """Photographs of at most ``most`` training views, and the model itself where their masks are black, or where it is
-    brighter than a saturated pixel: there it is to stay as it is. Of a linear model and display-referred photographs
-    renders from there.
+    """Photographs of at most ``most`` training views, and the model itself where these do not say: there it is to stay
+    as it is. Of a linear model and display-referred photographs renders from there.
+
+    ``appearance``: what the cameras did to display-referred photographs, which the model is without.
     """
     if dataset.white is not None:  # a display value of 1 is a radiance of 1
         dataset = dataset.exposed(drawn.white if drawn.linear else 1.0)
@@ -87,19 +95,26 @@ def by_data(
     if drawn.linear and dataset.white is None:
         pictures = rendered(model, cameras, look)
     else:
-        pictures = [_completed(model, view.in_memory(), masks, look) for view in views]
+        appearance = None if drawn.linear or dataset.white is not None else appearance
+        pictures = [_completed(model, view.in_memory(), masks, appearance, look) for view in views]
     return Goal(cameras, pictures, look, BY_DATA)
 
 
-def _completed(model: Splats, view: View, masks: Masks | None, look: Look) -> Array:
-    """The photograph of a view, with what the model shows where it does not say."""
-    taken = radiance_of if look.drawn.linear else photograph
-    seen, mask, full = taken(view, look.background), masks.of(view) if masks else None, view.recording.saturated
-    if mask is None and full is None:
-        return seen
+def _completed(model: Splats, view: View, masks: Masks | None, appearance: Appearance | None, look: Look) -> Array:
+    """The photograph of a view, without what the appearance says of its camera, and with what the model shows where the
+    photograph does not say: where its mask is black, and where it is at its limit and the model is brighter."""
+    picture = (radiance_of if look.drawn.linear else photograph)(view, look.background)
+    mask, full = masks.of(view) if masks else None, view.recording.saturated
+    at_limit = None if full is None else full[..., None]
+    if appearance:
+        at_limit = picture >= CLIPPED
+        numbers = appearance.numbers(view.camera, view.name)
+        picture = np.clip(photographed(picture, radii_squared(view.camera), -numbers), 0, 1)
+    if mask is None and at_limit is None:
+        return picture
     (own,) = rendered(model, [view.camera], look)
-    seen = seen if full is None else np.where(full[..., None], np.maximum(seen, own), seen)
-    return seen if mask is None else np.where(mask[..., None] > 0, seen, own)
+    picture = picture if at_limit is None else np.where(at_limit, np.maximum(picture, own), picture)
+    return picture if mask is None else np.where(mask[..., None] > 0, picture, own)
 
 
 def by_renders(model: Splats, most: int, drawn: DrawnAs, up: str | None = None) -> Goal:

@@ -22,6 +22,7 @@ from ..formats.write import require_encoder, write_model
 from ..inspection.unneeded import Unneeded
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL
+from ..scene.appearance import APPEARANCE, read_appearance
 from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.radiance import from_units_of_white
 from ..scene.splats import Splats
@@ -67,8 +68,8 @@ def export_model(
         model: the model, of any format.
         out: ends in one of ``formats.table.FORMATS``, or in .html: a page with a viewer inside.
         config: what becomes of what other programs do not know, and how the file is made.
-        data: a data set: it is refined on its training views, compared with on its test views, and a page opens from
-            one; None: views from around the model.
+        data: a data set: it is refined on its training views, without what an ``appearance.json`` beside the model has
+            of their exposure, compared with on its test views, and a page opens from one; None: views from around it.
         options: how the pictures are drawn; what they do not say, the model's file does.
         world: what is up, and how long a unit is, where the model's file is not to say so.
         show: called with the steps of the refinement that are done, and how many there are.
@@ -106,7 +107,9 @@ def export_model(
             problem = "all of its primitives are invisible, so that no step could make up for anything"
             raise DataError(model, problem, "add --refine 0, or use another model")
         start = time.perf_counter()
-        goal = goal_of(read.splats, dataset, steps, options, drawn, drawing.up, masks)
+        learned = model.parent / APPEARANCE
+        appearance = read_appearance(learned) if dataset and learned.is_file() else None
+        goal = goal_of(read.splats, dataset, steps, options, drawn, drawing.up, masks, appearance)
         plain = stages[f"refined, {counted(steps, 'step')}"] = refined(plain, goal, steps, show, grids)
         seconds = time.perf_counter() - start
     elif grids:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..scene.splats import Array
-from .gltf_container import glb, gltf
+from ..support.errors import DataError
+from .gltf_container import TooLarge, glb, gltf
 
 COMPONENTS = {"float32": 5126, "uint8": 5121, "uint32": 5125}
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
@@ -53,6 +57,8 @@ class Accessors:
             used: names of extensions.
             binary: .glb, else .gltf.
             more: what else stands in the JSON, such as ``materials``.
+
+        Raises ``TooLarge`` for a .glb of more bytes than there may be.
         """
         node: dict[str, Any] = {"mesh": 0}
         if not np.array_equal(matrix, np.eye(4)):
@@ -70,3 +76,12 @@ class Accessors:
             "buffers": [{"byteLength": self._at}],
         }
         return (glb if binary else gltf)(content, b"".join(self._parts))
+
+
+@contextmanager
+def made_for(path: Path) -> Iterator[None]:
+    """While the bytes of a file are made: raises ``DataError`` where a .glb would be too large."""
+    try:
+        yield
+    except TooLarge as error:
+        raise DataError(path, str(error), "name a .gltf, or another format, or write fewer") from error

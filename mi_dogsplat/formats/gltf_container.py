@@ -20,6 +20,7 @@ from ..support.errors import DAMAGED, DataError
 from ..support.files import parse_json
 
 MAGIC, VERSION, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
+LARGEST = 2**32 - 1  # bytes of a .glb
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 
@@ -138,13 +139,20 @@ def matrix_of(node: Any) -> Array:
     return affine(turn * scale, np.array(node.get("translation", (0, 0, 0)), np.float64).reshape(3))
 
 
+class TooLarge(ValueError):
+    """More bytes than the header of a .glb can say."""
+
+
 def glb(content: Any, binary: bytes) -> bytes:
-    """A .glb of a JSON and its one buffer."""
+    """A .glb of a JSON and its one buffer. Raises ``TooLarge``."""
     text = json.dumps(content, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    binary += b"\0" * (-len(binary) % 4)
-    chunks = struct.pack("<II", len(text), JSON_CHUNK) + text + struct.pack("<II", len(binary), BINARY_CHUNK) + binary
-    return struct.pack("<III", MAGIC, VERSION, 12 + len(chunks)) + chunks
+    padding = b"\0" * (-len(binary) % 4)
+    size = 28 + len(text) + len(binary) + len(padding)
+    if size > LARGEST:
+        raise TooLarge(f"would have {size / 1e9:.1f} GB, and a .glb has at most {LARGEST / 1e9:.1f}")
+    head = struct.pack("<IIIII", MAGIC, VERSION, size, len(text), JSON_CHUNK)
+    return b"".join((head, text, struct.pack("<II", size - 28 - len(text), BINARY_CHUNK), binary, padding))
 
 
 def gltf(content: Any, binary: bytes) -> bytes:

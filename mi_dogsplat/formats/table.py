@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from ..scene.drawing import NAMES, comments_of, drawing_of
@@ -127,7 +128,7 @@ GLB, GLTF = (
     Format(
         "glTF",
         gltf_read.read,
-        _written(lambda model, binary=binary: gltf.encode(model.splats, model.drawing, binary)),
+        partial(gltf.write, binary=binary),
         ALL,
         LUF,
         empty=False,  # its accessors have a row at least

@@ -6,7 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, read_run
+from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, Run, read_run
 from ..scene.drawing import DrawnAs, told
 from ..scene.kinds import COUNTED, kinds
 from ..support.wording import count, counted, duration, file_size, finite, fixed
@@ -39,7 +39,7 @@ def describe_run(path: Path) -> list[str]:
         lines.append(line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))
         splits = {"test": run.measured, "train": "train"}  # by their names in the file: what they are
         lines += [line(views, _quality(metrics[name])) for name, views in splits.items() if metrics.get(name)]
-    if settings := _settings(run.config):
+    if settings := _settings(run):
         lines.append(line("settings", ", ".join(settings)))
     problems = [f"{name} is missing" for name in (*RUN_FILES, MODEL) if not (path / name).is_file()]
     if run.metrics is None:
@@ -59,13 +59,16 @@ def _describe_measurement(path: Path, metrics: dict[str, Any]) -> list[str]:
     return lines + problem_lines([] if views else ["it is not complete: it was interrupted, or is still going on"])
 
 
-def _settings(config: dict[str, Any]) -> list[str]:
-    """Those of ``SETTINGS``, and all others that are not as they usually are and bear on the result."""
+def _settings(run: Run) -> list[str]:
+    """Those of ``SETTINGS``, and all others that are not as they usually are and bear on the result; in place of the
+    preset a recipe that is no preset's."""
+    config, label = run.config, (run.recipe or {}).get("label")
     usual = {field.name: field.default for field in fields(TrainConfig) if field.name not in UNTOLD}
     if config.get("near_clip") == DrawnAs().near_clip:  # a run writes it down where nobody has said anything, too
         usual["near_clip"] = config["near_clip"]
     shown = [name for name in config if name in SETTINGS or (name in usual and config[name] != usual[name])]
-    return [name if config[name] is True else f"{name} {_short(config[name])}" for name in shown]
+    words = {name: name if config[name] is True else f"{name} {_short(config[name])}" for name in shown}
+    return list((words | ({"preset": f'recipe "{label}"'} if label else {})).values())
 
 
 def _short(value: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..datasets import load_dataset
 from ..training.config import TrainConfig
-from .make import LONGEST
+from .make import shrink_for
 
 STEPS, PRIMITIVES = 3_500, 25_000  # which make a small model good enough, and are too few to learn what moved by heart
 KEPT = (
@@ -19,10 +19,9 @@ def settings_of_first(config: TrainConfig) -> TrainConfig:
     Raises ``DataError`` for data that cannot be read.
     """
     views = load_dataset(config.data, config.downscale, spp=1, on_disk=True, split=config.split).train
-    longest = max(max(view.camera.width, view.camera.height) for view in views)
     return TrainConfig(
         **{name: getattr(config, name) for name in KEPT},
         steps=min(STEPS, config.steps),
         max_primitives=min(PRIMITIVES, config.max_primitives or PRIMITIVES),
-        downscale=config.downscale * max(1, round(longest / LONGEST)),
+        downscale=config.downscale * shrink_for(views),
     )

@@ -106,6 +106,12 @@ def require_new(out: Path) -> None:
         raise DataError(out, "exists, and is not an empty folder", "remove it, or name another")
 
 
+def shrink_for(views: Sequence[View]) -> int:
+    """By which the largest of some views becomes about as large as masks are looked for in."""
+    longest = max(max(view.camera.width, view.camera.height) for view in views)
+    return max(1, round(longest / LONGEST))
+
+
 class _Search:
     """What is masked in each of some views, found in rounds: by what is left, the next knows better what is usual."""
 
@@ -119,7 +125,7 @@ class _Search:
         given: Masks | None,
     ):
         self.splats, self.views, self.background, self.drawn, self.times = splats, views, background, drawn, times
-        self.steps = [max(1, round(max(view.camera.width, view.camera.height) / LONGEST)) for view in views]
+        self.steps = [shrink_for([view]) for view in views]
         self.cameras = [view.camera.downscaled(step) for view, step in zip(views, self.steps, strict=True)]
         self.given = [self._given(given, k) for k in range(len(views))]
         self.found = [np.zeros_like(given) for given in self.given]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +34,14 @@ class Mesh:
     """[V, 3] display-referred, 0..1; None: not known"""
     texture: Texture | None = None
     """in place of ``colors``"""
+
+    @property
+    def to_unit(self) -> float:
+        """A power of two that makes the mean side of a triangle about 1, for libraries with thresholds of their own,
+        which are absolute; 1 where there is no side."""
+        ends = self.vertices.astype(np.float64)[self.faces]  # [F, 3, 3]
+        sides = np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2)
+        return 2.0 ** -round(math.log2(sides.mean())) if sides.any() else 1.0
 
     def parts(self) -> Array:
         """[F] which connected part each face is in, counted from 0; parts that share a vertex are one."""

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..formats.gltf_author import INDICES, Accessors
+from ..formats.gltf_author import INDICES, Accessors, made_for
 from ..formats.packing import LUF, RUB
 from ..formats.placed import placing
 from ..formats.usd_author import ROOT, author, new_stage, place, write_stage
@@ -113,12 +113,14 @@ def write_gltf(path: Path, mesh: Mesh, drawing: Drawing) -> None:
     primitive = {"attributes": attributes, "indices": indices, "material": 0}
     binary = path.suffix.lower() == ".glb"
     more["materials"] = [material]
-    write_bytes(path, accessors.file(primitive, placing(drawing, LUF), [UNLIT], binary, **more))
+    with made_for(path):
+        content = accessors.file(primitive, placing(drawing, LUF), [UNLIT], binary, **more)
+    write_bytes(path, content)
 
 
 def write_usd(path: Path, mesh: Mesh, drawing: Drawing) -> None:
     """A prim ``Mesh`` with linear colours, as OpenUSD takes them to be, or with a texture; no subdivision. The picture
-    is in a .usdz, or beside another file: ``NAME_texture.jpg``."""
+    is in a .usdz, or beside another file: ``NAME_usd_texture.jpg``, ``NAME_usdc_texture.jpg`` and so on."""
     from pxr import UsdGeom
 
     stage = new_stage()

@@ -22,14 +22,15 @@ def simplified(mesh: Mesh, most: int) -> Mesh:
     if len(mesh.faces) <= most:
         return mesh
     centre = mesh.vertices.mean(axis=0, dtype=np.float64)  # far from the origin quadrics lose their digits
-    fenced = _Fenced.of(mesh.vertices - centre, mesh.faces)
+    unit = mesh.to_unit  # beyond some distance the library collapses nothing, and below another all in any order
+    fenced = _Fenced.of((mesh.vertices - centre) * unit, mesh.faces)
     target = most + int(fenced.is_fence.sum())  # of all triangles: as if the fence kept all of its own
     while fenced.n_surface > most:
         fewer = fenced.collapsed(target)
         if len(fewer.faces) == len(fenced.faces):
             break
         fenced, target = fewer, len(fewer.faces) - (fewer.n_surface - most)
-    vertices, faces = (fenced.points + centre).astype(mesh.vertices.dtype), fenced.faces[~fenced.is_fence]
+    vertices, faces = (fenced.points / unit + centre).astype(mesh.vertices.dtype), fenced.faces[~fenced.is_fence]
     colors = None if mesh.colors is None else _means(mesh.colors, fenced.became, len(vertices))
     return Mesh(vertices, faces, colors).with_faces(_distinct(faces))
 

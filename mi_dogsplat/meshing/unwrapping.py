@@ -18,9 +18,10 @@ def unwrapped(mesh: Mesh, size: int) -> tuple[Mesh, Array]:
     import xatlas
 
     centre = mesh.vertices.mean(axis=0, dtype=np.float64)  # far from the origin float32 loses their shape
+    shape = (mesh.vertices - centre) * mesh.to_unit  # below some area it takes triangles for none
     atlas, packing = xatlas.Atlas(), xatlas.PackOptions()
     packing.resolution, packing.padding, packing.bilinear = size, GAP, True
-    atlas.add_mesh((mesh.vertices - centre).astype(np.float32), mesh.faces.astype(np.uint32))
+    atlas.add_mesh(shape.astype(np.float32), mesh.faces.astype(np.uint32))
     atlas.generate(xatlas.ChartOptions(), packing)
     origins, faces, uv = atlas[0]
     return Mesh(mesh.vertices[origins], faces.astype(np.int64)), uv.astype(np.float64)

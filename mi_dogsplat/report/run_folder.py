@@ -27,7 +27,7 @@ CONFIG = "config.json"
 HISTORY = "history.jsonl"
 METRICS = "metrics.json"
 REPORT = "report.html"
-RECIPE = "recipe.json"  # of a method in a comparison: its label and the numbers of its recipe
+RECIPE = "recipe.json"  # of a method in a comparison, or a recipe given in Python: its label, and its numbers
 RENDER_MS = "render_ms.json"  # of a method in a comparison: its render time, measured in turns with the others'
 REFINED = "refined"  # the data of the run with the poses that it has refined, a folder
 POSED = "posed"  # the data of the run where it has found their poses first, a folder
@@ -68,7 +68,7 @@ class Run:
     metrics: dict[str, Any] | None
     dog_profile: dict[str, Any] | None
     broken_rows: int
-    recipe: dict[str, Any] | None = None  # of a method in a comparison
+    recipe: dict[str, Any] | None = None  # of a method in a comparison, or one given in Python
     misfits: dict[str, Any] | None = None  # None where nothing was looked for
     appearance: Appearance | None = None  # of the photographs, where it was learned
     source: str | None = None  # the photographs or the video, where the run has found their poses first

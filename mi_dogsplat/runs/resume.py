@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..report.run_folder import CONFIG, HISTORY, METRICS, MISFITS, RECIPE, REFINED, RENDER_MS, REPORT, Run, read_run
+from ..report.run_folder import CONFIG, HISTORY, METRICS, MISFITS, REFINED, RENDER_MS, REPORT, Run, read_run
 from ..scene.appearance import APPEARANCE
 from ..support.errors import DataError
 from ..support.files import json_text, replacing
@@ -16,6 +17,7 @@ from ..training.config import FREE_TO_RESUME
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, load_checkpoint
 from .inputs import INPUTS, is_same_input, noted_inputs
+from .own_recipe import require_same_recipe
 
 IN_USE = "another process is training in it"
 
@@ -33,10 +35,12 @@ def require_no_stopped_run(out: Path) -> None:
         raise DataError(out, problem, f"add --resume (in Python resume=True) to go on with it; to begin anew, {other}")
 
 
-def resume_run(trainer: Trainer, out: Path) -> None:
+def resume_run(trainer: Trainer, out: Path, recipe: Mapping[str, Any] | None = None) -> None:
     """Put the trainer where the checkpoint of ``out`` is, and cut the history there.
 
-    Raises ``DataError`` where there is no run, or one of other settings, or its files are damaged.
+    recipe: what ``recipe.json`` is to hold; None for a run by the recipe of its preset.
+
+    Raises ``DataError`` where there is no run, or one of other settings or another recipe, or its files are damaged.
     """
     before = read_run(out)
     if not (out / CONFIG).is_file():
@@ -54,6 +58,7 @@ def resume_run(trainer: Trainer, out: Path) -> None:
         name = changed[0]
         problem = f"{name} was {before.config[name]} and is {now[name]} now"
         raise DataError(out, problem, "resume with the settings of the run, or name another folder")
+    require_same_recipe(out, before.recipe, recipe)
     path = out / CHECKPOINT
     kept = []
     if path.exists():  # else the run was killed before its first checkpoint
@@ -81,10 +86,10 @@ def restore_from(trainer: Trainer, path: Path) -> None:
 
 
 def forget_results(out: Path) -> None:
-    """Remove what an earlier run in this folder measured and drew, and the name that it had in a comparison."""
+    """Remove what an earlier run in this folder measured and drew."""
     folders = out / "test", (out / MISFITS).parent
     pictures = [path for top in folders for suffix in (".png", ".exr", ".json") for path in top.glob(f"*{suffix}")]
-    results = METRICS, REPORT, APPEARANCE, RECIPE, RENDER_MS
+    results = METRICS, REPORT, APPEARANCE, RENDER_MS
     for path in (*(out / name for name in results), *pictures):
         path.unlink(missing_ok=True)
     for path in (*(out / REFINED).glob("*.json"), *(out / REFINED).glob("*.ply")):

@@ -28,6 +28,7 @@ from .checkpoint import CHECKPOINT, Checkpoints
 from .finish import finish
 from .history import run_to_end
 from .inputs import PLACES, check_inputs, note_inputs
+from .own_recipe import described
 from .resume import IN_USE, forget_results, require_no_stopped_run, restore_from, resume_run
 from .stopping import Stopped, StopRequest, stopped_with
 
@@ -86,9 +87,9 @@ def train(
             when there are none any more, with the number of test views that are ``measured`` then.
         resume: go on from the run's last checkpoint, or from the beginning if it did not come that far, with the same
             settings.
-        recipe: takes the place of the preset's.
+        recipe: takes the place of the preset's; a run that has one goes on with no other.
         start: checkpoint to go on from.
-        method: what ``recipe.json`` is to hold, of a method in a comparison.
+        method: what ``recipe.json`` is to hold, of a method in a comparison; None: the numbers of ``recipe``.
 
     The model leaves out primitives that can never be seen. An earlier run in the same folder that came to its end is
     replaced: its measurements go first, as they would be a lie beside the new settings; its model stays until the new
@@ -111,9 +112,9 @@ def train(
     del model  # its memory is for the training
     if start:
         restore_from(trainer, start)
-    with undisguised(progress) as told, _begun(trainer, out, resume):
-        if method:
-            write_json(out / RECIPE, dict(method))
+    if recipe and not method:
+        method = described(recipe if config.model is None else recipe.from_pruning())
+    with undisguised(progress) as told, _begun(trainer, out, resume, method):
         notes = without_mask(config.masks, (view.name for view in dataset.views))
         told({"step": trainer.step_count, "n": trainer.optimizer.n, "notes": notes})
         _train(trainer, out, told)
@@ -148,15 +149,19 @@ def _placed(config: TrainConfig, dataset: Dataset) -> TrainConfig:
 
 
 @contextmanager
-def _begun(trainer: Trainer, out: Path, resume: bool) -> Iterator[None]:
+def _begun(trainer: Trainer, out: Path, resume: bool, method: Mapping[str, Any] | None = None) -> Iterator[None]:
     """The run folder, ours alone, with nothing in it of another run; the trainer where the run is resumed."""
     with claimed(out):
         if resume:
-            resume_run(trainer, out)
+            resume_run(trainer, out, method)
         else:
             for path in (CHECKPOINT, PLACES, HISTORY):  # old places beside new settings would be those of other data
                 (out / path).unlink(missing_ok=True)
         forget_results(out)
+        if method:  # a run without it is one of a preset, so that it is there before the settings are
+            write_json(out / RECIPE, dict(method))
+        else:
+            (out / RECIPE).unlink(missing_ok=True)
         write_json(out / CONFIG, dataclasses.asdict(trainer.config))
         note_inputs(trainer.config, out)
         yield

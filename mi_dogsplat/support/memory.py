@@ -70,8 +70,8 @@ def _groups() -> list[int]:
 def _left(limit: Path, use: Path, stat: Path) -> int | None:
     """Limit less use, where what is only kept of files in memory is not in use. None without a limit."""
     try:
-        found = re.search(r"^(?:total_)?inactive_file (\d+)", stat.read_text(), re.MULTILINE)
-        cached = int(found[1]) if found else 0
+        found = re.findall(r"^(?:total_)?inactive_file (\d+)", stat.read_text(), re.MULTILINE)
+        cached = max(map(int, found), default=0)  # version 1 has what groups below use in another line
     except OSError:
         cached = 0
     try:

@@ -260,6 +260,7 @@ def test_a_file_that_leaves_things_out_is_read_as_by_the_package(scene, model, t
 @pytest.mark.parametrize("content, message", [
     ("{", "JSON"), ('{"keys": []}', "no list of keys"), ('[{"position": [0, 0, 0]}]', "key 0 cannot be used"),
     ('[{"position": [0, 0, 0], "look_at": [0, 0, 1]}]', "straight above"),
+    ('[{"w2c": [], "fx": 9, "cx": 0.5, "cy": 0.5, "width": 40, "height": 30}]', "40x30 are shares of its sides"),
 ])  # fmt: skip
 def test_a_path_that_cannot_be_read_is_one_line_and_no_camera(scene, tmp_path, content, message):
     path = tmp_path / "keys.json"

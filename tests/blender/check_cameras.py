@@ -267,6 +267,12 @@ def test_text_files_may_begin_with_a_mark_or_an_empty_line(odd, tmp_path, start)
             '"camera_model": "THIN_PRISM_FISHEYE"}]}',
             "lens THIN_PRISM_FISHEYE",
         ),
+        (
+            "transforms.json",
+            '{"frames": [{"file_path": "a", "transform_matrix": [[1]], "w": 20, "h": 15, "fl_x": 1, "cx": 0.5, '
+            '"cy": 0.4}]}',
+            "cx 0.5 and cy 0.4 of an image of 20x15 are shares of its sides, not pixels; correct its numbers",
+        ),
         ("config.json", '{"data": "/nowhere"}', "/nowhere"),
         ("config.json", '{"downscale": 2}', "data set"),
         ("config.json", '{"data": "/", "downscale": "x"}', "downscale"),
@@ -281,6 +287,16 @@ def test_bad_cameras_are_one_line_and_leave_nothing(tmp_path, name, content, mes
     line = str(caught.value).strip()
     assert "\n" not in line and name in line and message in line
     assert datablocks() == before
+
+
+def test_a_colmap_camera_in_shares_of_its_sides_is_one_line(tmp_path):
+    model = tmp_path / "sparse" / "0"
+    model.mkdir(parents=True)
+    (model / "cameras.txt").write_text("1 PINHOLE 40 30 50 51 0.5 0.5\n")
+    (model / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.png\n\n")
+    message = "camera 1: cx 0.5 and cy 0.5 of an image of 40x30 are shares .*; multiply them by width and height"
+    with pytest.raises(RuntimeError, match=message):
+        bpy.ops.import_scene.dogsplat_cameras(filepath=str(tmp_path))
 
 
 def test_a_truncated_colmap_model_is_one_line(shared, tmp_path):

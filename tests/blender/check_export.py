@@ -231,6 +231,21 @@ def test_scales_below_0_are_as_long_as_those_above(model, tmp_path):
     assert np.allclose(export(tmp_path / "out.ply").log_scales, before.log_scales, atol=1e-6)
 
 
+@pytest.mark.parametrize("damaged", ["gone", [1.0] * 15, [0.0] * 16, [float("nan")] * 16])
+def test_where_a_file_had_its_axes_is_damaged_and_told(model, tmp_path, damaged):
+    """Anybody may edit custom properties. An export in coordinates of the scene asks for none."""
+    obj = load(model)
+    obj["dogsplat_import_matrix"] = damaged
+    said = f'the custom property dogsplat_import_matrix of "{obj.name}" is no matrix with an inverse; remove it'
+    with pytest.raises(RuntimeError, match=said):
+        export(tmp_path / "out.ply")
+    assert not list(tmp_path.iterdir())
+    obj.scale = (1, 2, 3)
+    bpy.context.view_layer.update()
+    bpy.ops.dogsplat.apply_transform()
+    export(tmp_path / "out.ply", space="WORLD")
+
+
 def test_an_object_is_named_whose_values_are_not_finite(scene, model, tmp_path):
     """Of several, by renders too, which write files of their own."""
     load(model)

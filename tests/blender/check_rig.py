@@ -14,7 +14,7 @@ from blender_addon.training.rendering import Rendering
 from blender_addon.training.result import place_result
 from blender_addon.training.rig import around, held_out
 from blender_addon.training.rig_operator import make_rig, rig_cameras
-from blender_addon.training.subject import surface_points
+from blender_addon.training.subject import framed, surface_points
 
 CAPTURED = """
 import json, sys
@@ -158,6 +158,29 @@ def test_a_region_marks_what_is_framed(subject, scene):
     places = np.array([obj.matrix_world.translation for obj in make_rig(bpy.context)])
     reach = 2 * np.sqrt(3) / np.sin(np.radians(20))
     assert np.allclose(np.linalg.norm(places - 5, axis=1), reach, rtol=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["empty", "mesh"])
+@pytest.mark.parametrize("setting", ["disable", "exclude", "object"])
+def test_a_region_that_is_hidden_marks_where_it_is_now(subject, scene, kind, setting):
+    """It was taken to be where it was when Blender last looked at it."""
+    data = bpy.data.meshes.new("Box") if kind == "mesh" else None
+    if data:
+        data.from_pydata([(x, y, z) for x in (-2, 2) for y in (-2, 2) for z in (-2, 2)], [], [])
+    region = bpy.data.objects.new("Region", data)
+    scene.collection.objects.link(region)
+    region.empty_display_size = 2.0
+    if setting == "object":
+        region.hide_viewport = True
+    else:
+        hide(region, setting)
+    region.location = (5, 5, 5)
+    objects = len(bpy.data.objects)
+    settings = scene.dogsplat_training
+    settings.subject, settings.region = "REGION", region
+    corners = framed(bpy.context, settings, [])
+    assert np.allclose(corners.min(axis=0), 3) and np.allclose(corners.max(axis=0), 7)
+    assert len(bpy.data.objects) == objects
 
 
 def hide(obj: bpy.types.Object, setting: str) -> tuple[bpy.types.LayerCollection, bpy.types.Collection]:

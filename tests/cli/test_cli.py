@@ -358,6 +358,7 @@ def test_bad_files_are_one_line_that_names_them(capsys, model, data, tmp_path):
         (["prune", model, data, "-o", tmp_path / "run", "--target", "60"], "60"),
         (["prune", model, data, "-o", tmp_path / "run", "--preset", "3dgs"], "does not prune"),
         (["prune", model, data, "-o", data], "other contents"),
+        (["prune", model, data, "-o", tmp_path / "run", "--white", "3"], "--white: is for linear images"),
         (["compare", tmp_path / "missing", "-o", tmp_path / "run"], "missing"),
         (["compare", data, data, "-o", tmp_path / "run"], "two data sets"),
         (["compare", data, "-o", data], "other contents"),

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from hdr_data import write_hdr_data
 from mi_dogsplat.compare import tasks as of_tasks
 from mi_dogsplat.compare.cluster import local_options
-from mi_dogsplat.compare.compare import compare
+from mi_dogsplat.compare.compare import claim, compare
 from mi_dogsplat.compare.execute import Means, in_a_process
 from mi_dogsplat.compare.method_runs import recipe_of
 from mi_dogsplat.compare.methods import METHODS
@@ -216,3 +217,12 @@ def test_on_two_workers_of_which_one_is_killed_all_runs_are_complete(data, tmp_p
     assert list(table["methods"]) == list(names) and not table["failed"]
     for name in names:
         assert len((out / "tiny" / "seed_0" / name / "history.jsonl").read_text().splitlines()) >= 3
+
+
+def test_pictures_of_a_comparison_are_exposed_as_its_runs_are(tmp_path, monkeypatch):
+    """With and without DoG they were compared in the exposure that images have of themselves."""
+    data, seen = write_hdr_data(tmp_path / "data"), []
+    claim(tmp_path / "compared", TrainConfig(str(data), preset="3dgs", white=7.0))
+    monkeypatch.setattr(of_tasks, "draw_in_turn", lambda dataset, *_: seen.append(dataset.white))
+    perform(Task("time", str(tmp_path / "compared"), 0), {})
+    assert seen == [7.0]

@@ -1,8 +1,12 @@
 """What a comparison does with the run folder of a method that is there already."""
 
+import argparse
+import math
 from pathlib import Path
 
 import pytest
+from mi_dogsplat.cli.commands import compare as command
+from mi_dogsplat.cli.flags import training_config
 from mi_dogsplat.compare import method_runs
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.report.run_folder import METRICS
@@ -29,6 +33,22 @@ def test_a_run_that_was_cut_off_goes_on_and_one_of_another_recipe_begins_anew(tm
     monkeypatch.setattr(method_runs, "train", train)
     method_runs.train_method(TrainConfig("photos"), "3dgs", tmp_path, tmp_path / "start")
     assert goes_on == [same] and (tmp_path / CHECKPOINT).exists() == same
+
+
+@pytest.mark.parametrize("name", ["3dgs", "ours", "ours_early", "mcmc"])
+@pytest.mark.parametrize("given", [[], ["--max-world-scale", "inf"]])
+def test_all_methods_have_one_limit_of_sizes_whatever_their_presets_have(tmp_path, monkeypatch, capsys, name, given):
+    parser = argparse.ArgumentParser()
+    command.add_training_flags(parser)
+    config = training_config(parser.parse_args(given), preset=command.PRESET, data="photos")
+    trained: list[float] = []
+    monkeypatch.setattr(method_runs, "train", lambda config, out, **others: trained.append(config.max_world_scale))
+    method_runs.train_method(config, name, tmp_path, tmp_path / "start")
+    shared = RECIPES["3dgs"].densification.max_world_scale
+    assert trained == [math.inf if given else shared]
+    parser.print_help()
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"in all methods, also those that grow by themselves (default: {shared:g}, that of 3dgs; inf: none)" in said
 
 
 def test_a_run_of_an_earlier_version_is_complete_though_it_did_not_write_down_what_is_usual(tmp_path):

@@ -33,12 +33,33 @@ def test_a_transforms_file_with_an_angle_and_no_extensions_gives_opengl_cameras(
 def test_intrinsics_of_a_frame_override_those_at_the_top(tmp_path):
     transforms_folder(tmp_path, fl_x=30, fl_y=31, cx=9, cy=8, w=WIDTH, h=HEIGHT)
     content = json.loads((tmp_path / "transforms.json").read_text())
-    content["frames"][1]["fl_x"] = 40
+    content["frames"][1] |= {"fl_x": 40, "fl_y": 42}
+    content["frames"][2]["cx"] = 10
     (tmp_path / "transforms.json").write_text(json.dumps(content))
     focal = {
         view.name: (view.camera.fx, view.camera.fy, view.camera.cx) for view in load_dataset(tmp_path).views
     }
-    assert focal == {"r_0": (30, 31, 9), "r_1": (40, 31, 9), "r_2": (30, 31, 9)}
+    assert focal == {"r_0": (30, 31, 9), "r_1": (40, 42, 9), "r_2": (30, 31, 10)}
+
+
+@pytest.mark.parametrize(
+    "top, said, expected",
+    [
+        ({"fl_x": 30, "fl_y": 31}, {"fl_x": 40}, (40, 40)),
+        ({"fl_x": 30, "fl_y": 31}, {"fl_y": 40}, (40, 40)),
+        ({"fl_x": 30}, {"fl_y": 40}, (30, 40)),  # each says one
+        ({"fl_y": 31}, {"fl_x": 40}, (40, 31)),
+        ({"camera_angle_y": 0.5}, {"fl_y": 40}, (40, 40)),
+    ],
+)
+def test_a_focal_length_of_a_frame_alone_means_square_pixels(tmp_path, top, said, expected):
+    """As instant-ngp has it; that along the other side at the top was kept, which is of other frames."""
+    content = json.loads((transforms_folder(tmp_path) / "transforms.json").read_text())
+    del content["camera_angle_x"]
+    content["frames"][1] |= said
+    (tmp_path / "transforms.json").write_text(json.dumps({**content, **top}))
+    camera = next(view.camera for view in load_dataset(tmp_path).views if view.name == "r_1")
+    assert (camera.fx, camera.fy) == expected
 
 
 def test_an_angle_of_a_frame_overrides_focal_lengths_at_the_top(tmp_path):

@@ -19,10 +19,12 @@ from mi_dogsplat.formats.coded import snapped
 from mi_dogsplat.formats.packing import LUF, RUB, morton_order, turned
 from mi_dogsplat.formats.palette import codebook, nearest, palette
 from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.quaternions import unit_quaternions
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.srgb import srgb_to_linear
 from PIL import Image
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
@@ -225,7 +227,15 @@ def test_glb_by_hand():
     assert values("KHR_gaussian_splatting:OPACITY") == pytest.approx([0.5])
     assert values("KHR_gaussian_splatting:SH_DEGREE_0_COEF_0") == pytest.approx([0, 1, 2])
     assert values("KHR_gaussian_splatting:SH_DEGREE_1_COEF_2") == pytest.approx([9, 10, 11])
-    assert values("COLOR_0").tolist() == [128, 199, 255, 128]
+    linear = srgb_to_linear([0.5, 0.5 + C0, 1])  # as glTF has colours of vertices; the opacity is what it is
+    assert values("COLOR_0").tolist() == [*np.round(255 * linear).astype(int), 128]
+
+
+def test_colours_of_points_in_glb_are_linear_whatever_those_of_the_model_are():
+    coded = srgb_to_linear([0.5, 0.5 + C0, 1])
+    for sh, drawing in (([0, 1, 2], Drawing()), ((coded - 0.5) / C0, Drawing(linear=True))):
+        found = gltf.attributes(one(sh_coeffs=np.reshape(sh, (1, 1, 3))), bool(drawing.linear))
+        assert found["COLOR_0"].tolist() == [[*np.round(255 * coded).astype(int), 128]]
 
 
 def test_sog_by_hand(tmp_path):

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from fuzz_targets import gltf_of_spz
 from mi_dogsplat import Drawing, Model, read_model, write_model
-from mi_dogsplat.formats import limits
+from mi_dogsplat.formats import gltf_container, limits
 from mi_dogsplat.formats.gltf_container import glb, matrix_of
 from mi_dogsplat.formats.packing import LUF, turned
+from mi_dogsplat.meshing.mesh import Mesh
+from mi_dogsplat.meshing.mesh_files import write_gltf
 from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.errors import DataError
@@ -216,3 +218,27 @@ def test_an_extension_that_a_file_cannot_be_read_without_is_named(tmp_path, cont
     (tmp_path / "b.glb").write_bytes(glb(found, binary))
     with pytest.raises(DataError, match="b.glb: needs EXT_meshopt_compression, KHR_texture_transform, which is not "):
         read_model(tmp_path / "b.glb")
+
+
+@pytest.mark.parametrize("what", ["model", "mesh"])
+def test_a_glb_of_more_bytes_than_its_header_can_say_is_told_in_one_line_and_leaves_the_old_one(
+    tmp_path, monkeypatch, what
+):
+    path = tmp_path / "a.glb"
+    corners = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]]), np.ones((3, 3), np.float32))
+
+    def write(file):
+        if what == "mesh":
+            write_gltf(file, corners, Drawing())
+        else:
+            write_model(file, foreign_model.model())
+
+    write(path)
+    before = path.read_bytes()
+    monkeypatch.setattr(gltf_container, "LARGEST", len(before))
+    write(path)
+    monkeypatch.setattr(gltf_container, "LARGEST", len(before) - 1)
+    with pytest.raises(DataError, match=r"a\.glb: would have .* GB, and a \.glb has at most .*; name a \.gltf, or"):
+        write(path)
+    assert path.read_bytes() == before and len(list(tmp_path.iterdir())) == 1
+    write(tmp_path / "a.gltf")

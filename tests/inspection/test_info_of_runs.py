@@ -54,6 +54,13 @@ def test_what_a_run_or_a_data_set_holds_does_not_reach_a_terminal_as_it_is(tmp_p
     assert "\\x1b]0;title\\x07" in value_of(lines, "names") and all(line.isprintable() for line in lines)
 
 
+def test_a_run_that_has_another_recipe_than_that_of_its_preset_says_so(tmp_path):
+    """A method of a comparison has the preset that is nearest to it in its settings."""
+    run = write_run(tmp_path)
+    (run / "recipe.json").write_text(json.dumps({"label": "Speedy-Splat", "recipe": {}}))
+    assert value_of(describe(run), "settings") == 'recipe "Speedy-Splat", downscale 2, max_primitives None'
+
+
 def test_views_that_are_no_test_views_are_not_called_so(tmp_path):
     run = write_run(tmp_path)
     config = json.loads((run / "config.json").read_text())

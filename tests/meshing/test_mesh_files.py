@@ -15,6 +15,7 @@ from mi_dogsplat.formats.gltf_container import Container, matrix_of
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.usd_files import NAMES
 from mi_dogsplat.formats.write import write_model
+from mi_dogsplat.meshing import mesh_files
 from mi_dogsplat.meshing.mesh import Mesh, Texture
 from mi_dogsplat.meshing.mesh_files import WRITERS, writer_of
 from mi_dogsplat.scene.drawing import Drawing
@@ -141,7 +142,9 @@ def test_a_texture_is_found_whatever_its_name(tmp_path):
     assert (tmp_path / f"{name}_texture.jpg").is_file()
 
 
-@pytest.mark.parametrize(("suffix", "beside"), [(".obj", ".mtl"), (".obj", "_texture.jpg"), (".usd", "_texture.jpg")])
+@pytest.mark.parametrize(
+    ("suffix", "beside"), [(".obj", ".mtl"), (".obj", "_texture.jpg"), (".usd", "_usd_texture.jpg")]
+)
 def test_a_texture_takes_the_place_of_nothing_but_an_earlier_one(suffix, beside, tmp_path):
     path, other = tmp_path / f"mesh{suffix}", tmp_path / f"mesh{beside}"
     for _ in range(2):
@@ -154,6 +157,16 @@ def test_a_texture_takes_the_place_of_nothing_but_an_earlier_one(suffix, beside,
     assert other.read_bytes() == b"# by hand\n"
 
 
+def test_meshes_side_by_side_have_a_texture_each(tmp_path):
+    others = Mesh(VERTICES, FACES, texture=Texture(UV, 1 - QUARTERS))
+    kept = {}
+    for suffix in (".obj", ".usd", ".usda", ".usdc"):
+        path = tmp_path / f"mesh{suffix}"
+        writer_of(path, texture=True)(path, others if kept else PAINTED, Drawing())
+        kept |= {file: file.read_bytes() for file in tmp_path.iterdir() if file not in kept}
+    assert len(kept) == 2 * 4 + 1 and all(file.read_bytes() == content for file, content in kept.items())
+
+
 @pytest.mark.parametrize("suffix", [".obj", ".usda"])
 def test_without_the_mesh_nothing_of_its_texture_is_left(suffix, tmp_path):
     path = tmp_path / f"mesh{suffix}"
@@ -161,6 +174,24 @@ def test_without_the_mesh_nothing_of_its_texture_is_left(suffix, tmp_path):
     with pytest.raises(DataError, match=f"mesh{suffix}"):
         writer_of(path, texture=True)(path, PAINTED, Drawing())
     assert [*tmp_path.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".usda"])
+def test_where_a_mesh_cannot_be_written_the_texture_of_an_earlier_one_stays(suffix, tmp_path, monkeypatch):
+    """It stayed with the picture of another."""
+    path = tmp_path / f"mesh{suffix}"
+    writer_of(path, texture=True)(path, PAINTED, Drawing())
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    others = Mesh(VERTICES, FACES, texture=Texture(UV, 1 - QUARTERS))
+
+    def full(*_):
+        raise DataError(path, "cannot be written (no space)", "make room")
+
+    monkeypatch.setattr(mesh_files, "write_bytes", full)
+    monkeypatch.setattr(mesh_files, "write_stage", full)
+    with pytest.raises(DataError, match="no space"):
+        writer_of(path, texture=True)(path, others, Drawing())
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
@@ -183,7 +214,7 @@ def test_gltf_holds_its_texture(suffix, tmp_path):
 def test_openusd_shows_its_texture_without_light(suffix, tmp_path):
     path = tmp_path / f"mesh{suffix}"
     writer_of(path, texture=True)(path, PAINTED, Drawing())
-    beside = [] if suffix == ".usdz" else ["mesh_texture.jpg"]
+    beside = [] if suffix == ".usdz" else [f"mesh_{suffix[1:]}_texture.jpg"]
     assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted([path.name, *beside])
     stage = Usd.Stage.Open(str(path))
     (prim,) = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
@@ -195,7 +226,7 @@ def test_openusd_shows_its_texture_without_light(suffix, tmp_path):
     texture = UsdShade.Shader(surface.GetInput("emissiveColor").GetConnectedSources()[0][0].source)
     assert texture.GetIdAttr().Get() == "UsdUVTexture"
     named = texture.GetInput("file").Get()
-    assert named.path == "./mesh_texture.jpg"
+    assert named.path == f"./mesh_{suffix[1:]}_texture.jpg"
     with Image.open(io.BytesIO(Ar.GetResolver().OpenAsset(Ar.ResolvedPath(named.resolvedPath)).GetBuffer())) as picture:
         np.testing.assert_allclose(np.asarray(picture) / 255, QUARTERS, atol=0.02)
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()

@@ -1,5 +1,7 @@
 """Fewer triangles: where the surface stays, what colours it has, and that it stays closed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mi_dogsplat.meshing.mesh import Mesh
@@ -49,6 +51,15 @@ def test_far_from_the_origin_it_is_as_good():
     found = simplified(ball(centre), MOST)
     assert len(found.faces) <= MOST
     np.testing.assert_allclose(np.linalg.norm(found.vertices - centre, axis=1), 1, atol=0.02)
+
+
+@pytest.mark.parametrize("unit", [2.0**-20, 2.0**20])
+def test_it_is_the_same_in_any_unit(unit):
+    """In a small one edges collapsed in any order, and in a large one far more triangles than asked for were left."""
+    whole, expected = ball(), simplified(ball(), MOST)
+    found = simplified(replace(whole, vertices=whole.vertices * np.float32(unit)), MOST)
+    np.testing.assert_array_equal(found.faces, expected.faces)
+    np.testing.assert_array_equal(found.vertices, expected.vertices * np.float32(unit))
 
 
 @pytest.mark.parametrize("most", [4000, 100_000])

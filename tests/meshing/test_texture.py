@@ -52,6 +52,15 @@ def pictures(places: list[tuple[float, float, float]]) -> Pictures:
 AROUND = [(3.0, 0.4, 2.0), (-3.0, -0.4, 2.0), (0.4, 3.0, 2.0), (-0.4, -3.0, 2.0), (0.1, 0.2, -4.0)]
 
 
+@pytest.mark.parametrize("unit", [2.0**-20, 2.0**20])
+def test_charts_are_the_same_in_any_unit(unit):
+    """A model in a small unit, as a coin in metres, had charts without an area, or at no place."""
+    plain, small = (Mesh((CORNERS * k).astype(np.float32), PYRAMID) for k in (1, unit))
+    (flat, expected), (scaled, uv) = unwrapped(plain, SIZE), unwrapped(small, SIZE)
+    np.testing.assert_array_equal(uv, expected)
+    np.testing.assert_array_equal(scaled.vertices, flat.vertices * np.float32(unit))
+
+
 @pytest.mark.parametrize("away", [0 * FAR, FAR], ids=["at the origin", "far away"])
 def test_charts_do_not_overlap_and_keep_every_triangle(away):
     mesh = Mesh((CORNERS + away).astype(np.float32), PYRAMID, np.ones((5, 3)))

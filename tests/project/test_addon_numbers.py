@@ -153,6 +153,7 @@ def test_a_run_has_the_cameras_that_it_has_refined(addon, tmp_path):
 def test_cameras_of_transforms_are_those_of_the_package(addon, tmp_path):
     content = json.loads((transforms_folder(tmp_path, fl_x=30, fl_y=31) / "transforms.json").read_text())
     content["frames"][1]["camera_angle_x"] = 0.7
+    content["frames"][2]["fl_x"] = 40
     transforms_folder(tmp_path, frames=content["frames"], fl_x=30, fl_y=31, normal_mts_args=[])
     cameras, *_ = addon("cameras.read").read_cameras(tmp_path, lambda path: (WIDTH, HEIGHT))
     found = {camera.name: camera for camera in cameras}

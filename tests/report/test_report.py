@@ -116,6 +116,15 @@ def test_a_complete_run_shows_its_numbers_curves_and_pictures(run):
     assert not page.findall(".//*[@class='notice']")
 
 
+@pytest.mark.parametrize("split", ["test", "validation"])
+def test_where_validation_views_come_from_is_told_for_data_that_have_some_and_that_have_none(run, split):
+    config = json.loads((run / "config.json").read_text())
+    (run / "config.json").write_text(json.dumps(config | {"split": split}))
+    views = section(parsed(text_of(write_report(run))), f"{split.capitalize()} views")
+    said = "They are those that the data have for that, or else every 8th training view: the test views were not read."
+    assert views is not None and (said in " ".join(words(views).split())) == (split == "validation")
+
+
 def test_the_table_of_views_has_all_of_them_best_first(run):
     views = section(parsed(text_of(write_report(run))), "Test views")
     assert views is not None

@@ -4,7 +4,7 @@ import json
 import re
 import shutil
 import signal
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -14,14 +14,18 @@ import numpy as np
 import pytest
 from happenings import history_of, records
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
+from mi_dogsplat.report.run_folder import read_run
 from mi_dogsplat.runs import run
 from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint, save_checkpoint
 from mi_dogsplat.runs.inputs import PLACES
+from mi_dogsplat.runs.own_recipe import LABEL, described
 from mi_dogsplat.runs.resume import resume_run
 from mi_dogsplat.runs.stopping import Stopped
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.strategy.strategy import Strategy
 from mi_dogsplat.training.train import Trainer
 
 STEPS = 60
@@ -250,11 +254,47 @@ def test_a_run_that_is_killed_before_it_has_noted_its_data_goes_on_where_another
     assert run.train(config, tmp_path / "run", resume=True)["steps"] == 1
 
 
-def resumes(config, out) -> bool:
+def test_a_run_goes_on_with_the_recipe_that_it_began_with_and_no_other(data, tmp_path):
+    """Without ``recipe=`` it went on with that of its preset, and said nothing."""
+    config, own = replace(ONE_STEP, data=str(data)), replace(RECIPES["3dgs"], also=(Faint(0.5),))
+    other = replace(own, also=(Faint(0.25),))
+    of_a_method = {"label": "3DGS, 100 %", "recipe": {}}
+    run.train(config, tmp_path, recipe=own)
+    assert read_run(tmp_path).method == LABEL
+    for recipe, words in (
+        (None, "was trained by a recipe of its own and is to go on with the recipe of its preset"),
+        (described(other), "was trained by another recipe than this one"),
+        (described(replace(own, also=(Fainter(0.5),))), "was trained by another recipe than this one"),
+        (of_a_method, "was trained by a recipe of its own and is to go on with 3DGS, 100 %"),
+    ):
+        with pytest.raises(DataError, match=words):
+            resumes(config, tmp_path, recipe)
+    with pytest.raises(DataError, match="the recipe of its preset; resume with the recipe of the run"):
+        run.train(config, tmp_path, resume=True)
+    assert resumes(config, tmp_path, described(own))
+
+    run.train(config, tmp_path)  # in the same folder, by its preset
+    assert read_run(tmp_path).method == "preset 3dgs" and resumes(config, tmp_path)
+    with pytest.raises(DataError, match="the recipe of its preset and is to go on with a recipe of its own"):
+        resumes(config, tmp_path, described(own))
+
+
+@dataclass(frozen=True)
+class Faint(Strategy[None]):
+    """Does nothing, with a number."""
+
+    pull: float
+
+
+class Fainter(Faint):
+    """Another one."""
+
+
+def resumes(config, out, recipe=None) -> bool:
     """Whether a run goes on at its step; its data are read all the same."""
     trainer = SimpleNamespace(config=config, step_count=0, ended=False)
     trainer.restore = lambda state: setattr(trainer, "step_count", int(state["step"]))
-    resume_run(cast(Trainer, trainer), out)
+    resume_run(cast(Trainer, trainer), out, recipe)
     return trainer.step_count == 1
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.scene.camera_motions import (
+    BLOCK,
     DAMPING,
     common_motions,
     motion_gradient,
@@ -144,6 +145,17 @@ def test_preconditioners_depend_neither_on_the_unit_of_the_world_nor_on_pixels()
     np.testing.assert_allclose(preconditioners(larger, 7 * points, 7 * EXTENT), expected, rtol=1e-9)
     finer = [camera.resized(480, 360) for camera in cameras]
     np.testing.assert_allclose(preconditioners(finer, points, EXTENT), expected, rtol=1e-9)
+
+
+def test_many_points_count_as_few_that_lie_alike():
+    """They are summed in blocks."""
+    cameras, points = tiny_data.cameras(), scattered()
+    many = np.tile(points, (BLOCK // 100, 1))  # three blocks
+    assert 2 * BLOCK < len(many) < 3 * BLOCK
+    expected = preconditioners(cameras, points, EXTENT)
+    np.testing.assert_allclose(preconditioners(cameras, many, EXTENT), expected, rtol=1e-8)
+    outside = np.concatenate([np.full((BLOCK, 3), [0, 0, 50.0]), points])  # a block of which nothing is seen
+    np.testing.assert_allclose(preconditioners(cameras, outside, EXTENT), expected, rtol=1e-8)
 
 
 def test_a_camera_that_sees_nothing_has_the_steps_of_the_others_and_all_of_them_steps():

@@ -163,7 +163,8 @@ def test_the_least_of_machine_container_and_shell_counts(tmp_path, monkeypatch):
     write("v2/memory/box/memory.limit_in_bytes", "6000000\n")  # of a group above ours
     write("v2/memory/box/memory.usage_in_bytes", "2000000\n")
     assert available_memory() == 4_000_000
-    write("v2/memory/box/memory.stat", "cache 9\ntotal_inactive_file 500000\n")  # given back when asked for
+    of_both = "cache 9\ninactive_file 0\ntotal_cache 9\ntotal_inactive_file 500000\n"  # of the group, and those below
+    write("v2/memory/box/memory.stat", of_both)  # given back when asked for
     assert available_memory() == 4_500_000
     write("v2/job/memory.max", "3000000\n")
     assert available_memory() == 2_999_995

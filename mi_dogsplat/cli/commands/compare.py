@@ -12,6 +12,7 @@ from ...compare.targets import COUNTS, counted_target
 from ...support.errors import DataError
 from ...support.variants import set_variant
 from ...training.config import TrainConfig
+from ...training.presets import RECIPES
 from ...training.target import require_below_cap
 from ..data_notes import say_what_is_not_read
 from ..errors import resumable
@@ -40,6 +41,11 @@ repeated. A run that fails is named, and stops no other. --workers and --cluster
 mi_dogsplat[cluster].
 """
 
+PRESET = "3dgs"  # of the densified start, whose bounds are those of all methods
+WORLD_SCALE = (
+    "remove primitives larger than this many camera extents, in all methods, also those that grow by themselves "
+    f"(default: {RECIPES[PRESET].densification.max_world_scale:g}, that of {PRESET}; inf: none)"
+)
 TRAINING_FLAGS = [
     *("steps", "downscale", "max_primitives", "max_world_scale", "split", "sh_degree"),
     *("background", "antialiased", "near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory"),
@@ -68,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_training_flags(parser: argparse.ArgumentParser) -> None:
     """What all trainings of a comparison have in common; their target is no size of a file, as that of a training may
     be."""
-    add_settings(parser, TrainConfig, TRAINING_FLAGS)
+    add_settings(parser, TrainConfig, TRAINING_FLAGS, said={"max_world_scale": WORLD_SCALE})
     target = f"what is left after pruning: {COUNTS} (default: {TrainConfig.target})".replace("%", "%%")
     parser.add_argument("--target", default=TrainConfig.target, metavar="X", help=target)
 
@@ -80,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     except ValueError as error:
         raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
     counted_target("--target", args.target)
-    config = training_config(args, preset="3dgs", data="")
+    config = training_config(args, preset=PRESET, data="")
     more_targets = _more_targets(args.more_targets, config)
     set_variant(config.variant)
     from ...compare.compare import compare as run_comparison

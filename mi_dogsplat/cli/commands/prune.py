@@ -25,7 +25,7 @@ dogsplat train; its history names every decision to prune or to refine, with the
 """
 
 TRAINING_FLAGS = [
-    *("preset", "steps", "target", "format", "batch_views", "downscale", "split", "background"),
+    *("preset", "steps", "target", "format", "batch_views", "downscale", "split", "background", "white"),
     *("near_zone", "masks", "appearance", "refine_poses", "preconditioned", "data_on_disk", "seed", "variant"),
     *("log_every", "test_every", "memory", "checkpoint_seconds", "up", "scale", "unit"),
 ]
