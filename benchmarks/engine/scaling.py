@@ -20,10 +20,11 @@ from pathlib import Path
 import drjit as dr
 import numpy as np
 from markupsafe import Markup
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
 from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.tables import pack
 from mi_dogsplat.engine.tiles import tiles
 from mi_dogsplat.engine.view import arrange

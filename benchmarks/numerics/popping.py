@@ -24,10 +24,11 @@ from typing import Any
 
 import numpy as np
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks, Grid
 from mi_dogsplat.engine.options import RasterOptions, Settings
 from mi_dogsplat.engine.parameters import device_array, upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.view import arrange
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.render.framing import automatic_camera

@@ -17,7 +17,9 @@ import drjit as dr
 from .arrays import array_types, constant, detached
 from .cuts import LOG2_LARGEST
 from .geometry import Blocks, Grid
-from .project import LN2, NO_ROW, Kernels, Projection
+from .project import Projection
+from .rows import NO_ROW
+from .screen_kernels import LN2, Kernels
 
 SLACK = 1e-3  # px, above the rounding error of the spans
 

@@ -6,7 +6,7 @@ are its sections)
     E[w | d] = Vᵀ Σ'⁻¹ d,   V = J W R S,   Σ' = V Vᵀ + 0.3 I,
 
 which is linear in d. Of needles Σ'⁻¹ V_a would cancel to noise, as would its derivative. So it is taken from the minors
-of V, as the determinant of Σ' is (``project.py``):
+of V, as the determinant of Σ' is (``screen_kernels.py``):
 
     Σ'⁻¹ V_a det Σ' = 0.3 V_a + Σ_b (V_a × V_b) V_b⊥,   (x, y)⊥ = (y, -x)
 """

@@ -11,7 +11,7 @@ import numpy as np
 from ..scene.row_groups import BESIDE_COLORS, DOG, GROUPS, SH
 from ..scene.sh_basis import sh_degree_of
 from ..scene.splats import DENSE, Splats
-from .project import NO_ROW
+from .rows import NO_ROW
 from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows, sh_columns
 
 RAW = DENSE

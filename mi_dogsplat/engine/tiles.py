@@ -19,7 +19,8 @@ from .drjit_internals import argsort_small
 from .footprints import Footprints
 from .geometry import Blocks, Cutoffs, Grid, Lanes
 from .isects import Isects, count_isects, depth_bits
-from .project import NO_ROW, Projection
+from .project import Projection
+from .rows import NO_ROW
 from .tile_buckets import sort_into_buckets
 
 WORD, AT_ONCE = 32, 8  # bits of a word, and how many masks are read at once

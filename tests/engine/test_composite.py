@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import SMOOTH, Blocks, Cutoffs, Grid
 from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.tiles import TileLists
 from mi_dogsplat.engine.view import arrange
 from mi_dogsplat.engine.walks.composite import composite

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.engine.own_axes import own_axes_per_pixel
-from mi_dogsplat.engine.project import LOW_PASS, MAX_AXIS
+from mi_dogsplat.engine.screen_kernels import LOW_PASS, MAX_AXIS
 
 AXES = np.array([[30.0, -41.0, 12.0], [22.5, 17.0, -35.0]], np.float32)  # J W R: px to a unit of length
 SCALES = {

@@ -19,8 +19,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...engine.activations import softplus
 from ...engine.parameters import device_array
-from ...engine.project import softplus
 from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule

@@ -19,8 +19,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...engine.activations import rotation_matrix
 from ...engine.parameters import device_array
-from ...engine.project import rotation_matrix
 from ...training.events import Event
 from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe

@@ -7,8 +7,8 @@ C = Σ c α T is affine in the α of a primitive: all that lies behind it has th
 
     δα = T (δC·c) - R / (1 - α),   R = δC·C + δT T_end, less the parts α T (δC·c) of it and of those in front
 
-and δc = α T δC, δp = ln 2 2^p δα. The walk is replayed in the same order, and nothing is stored per primitive and pixel:
-it needs two numbers per pixel, T and R.
+and δc = α T δC, δp = ln 2 2^p δα. The walk is replayed in the same order, and nothing is stored per primitive and
+pixel: it needs two numbers per pixel, T and R.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..bands import PreparedView, WalkableView
 from ..cuts import by_plane
 from ..frozen import frozen
 from ..geometry import MAX_ALPHA
-from ..project import LN2
+from ..screen_kernels import LN2
 from ..slopes import CHANNELS
 from ..tables import N_PSEUDO, CentredKernel, varying_columns
 from .block_sums import curvature_adjoints, dot, kernel_adjoints, plane_adjoints

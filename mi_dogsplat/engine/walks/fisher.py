@@ -20,7 +20,7 @@ import mitsuba as mi
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import MAX_ALPHA, Blocks
-from ..project import LN2
+from ..screen_kernels import LN2
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import Meeting, Walk
 

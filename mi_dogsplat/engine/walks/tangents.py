@@ -18,7 +18,7 @@ from ..curvatures import curved_by, curved_slope
 from ..cuts import by_plane
 from ..geometry import MAX_ALPHA
 from ..options import Settings
-from ..project import LN2
+from ..screen_kernels import LN2
 from ..slopes import CHANNELS
 from ..tables import CentredKernel, KernelRow, parts_of
 from .kept import Kept

@@ -9,7 +9,7 @@ import drjit as dr
 
 from ...engine.arrays import array_types
 from ...engine.frozen import frozen_for_sizes
-from ...engine.project import NO_ROW
+from ...engine.rows import NO_ROW
 from .triangles import entries_of, kept_of, n_pairs
 
 

@@ -19,7 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.geometry import Cutoffs
-from ...engine.project import NO_ROW
+from ...engine.rows import NO_ROW
 from ...scene.row_groups import CURVATURES, PLANES, SLOPES
 from ...scene.sh_basis import C0
 from ..optimizer.group_rows import SPARSE_ROW
