@@ -22,7 +22,7 @@ import numpy as np
 from ...engine.activations import softplus
 from ...engine.parameters import device_array
 from ...training.milestones import scaled_milestone
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
 from .radsplat import LargestWeight

@@ -23,7 +23,7 @@ from ...engine.activations import rotation_matrix
 from ...engine.parameters import device_array
 from ...training.events import Event
 from ...training.milestones import scaled_milestone
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.densify import Densification
 from ...training.strategy.once import Done
 from ...training.strategy.strategy import Seen, Strategy, Training
