@@ -15,14 +15,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import drjit as dr
-import mitsuba as mi
 
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import MAX_ALPHA, Blocks
 from ..screen_kernels import LN2
 from ..tables import KernelRow
-from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
+from .slot_rows import SlotRows, sums_over_bands
 from .walk import Meeting, Walk
 
 SHAPE = 5  # numbers of a projected shape: x y ux uy vy
@@ -42,12 +41,7 @@ def composite_fisher(view: WalkableView, image: list) -> list:
         view: made with ``patch_blocks``.
         image: the 3 planes of the view [H*W], background included.
     """
-    in_turn = lanes_add_in_turn(mi.variant())
-
-    def walk(band: PreparedView, above: list) -> list:
-        return columns_of(_composite_fisher(band, image, in_turn, above), band.lists, COLUMNS)
-
-    return view.walked(walk, [])
+    return sums_over_bands(view, COLUMNS, lambda band, *others: _composite_fisher(band, image, *others))
 
 
 @frozen

@@ -32,15 +32,15 @@ Differences of neighbouring pixels need both in one lane: blocks and tiles then 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
 from .block_sums import dot
-from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
+from .slot_rows import SlotRows, sums_over_bands
 from .walk import Alphas, Meeting, Walk
 
 
@@ -103,13 +103,11 @@ def composite_score(view: WalkableView, sums: Sums, image: list, planes: list, s
 
     Returns the columns, [N] each.
     """
-    in_turn = lanes_add_in_turn(mi.variant())
 
-    def walk(band: PreparedView, above: list) -> list:
-        found = _composite_score(band, sums, image, planes, share, in_turn, above)
-        return columns_of(found, band.lists, sums.columns)
+    def walk(band: PreparedView, *others: Any) -> list:
+        return _composite_score(band, sums, image, planes, share, *others)
 
-    return view.walked(walk, [])
+    return sums_over_bands(view, sums.columns, walk)
 
 
 @frozen
