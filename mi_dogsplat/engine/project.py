@@ -25,7 +25,7 @@ from .cuts import by_plane, cut_on_screen
 from .device_camera import DeviceCamera
 from .own_axes import own_axes_per_pixel
 from .rows import NO_ROW, read_rows, rows
-from .screen_kernels import LOG2_E, LOW_PASS, Kernels, scales_in_range, screen_kernels
+from .screen_kernels import LOG2_E, Kernels, scales_in_range, screen_kernels
 from .sh import evaluate_sh, unit
 from .sh_groups import evaluate_groups, has_groups
 from .shifts import ROW as SHIFT_ROW
@@ -137,7 +137,7 @@ def _varying(params: dict, axes: list, scales: list) -> tuple[list | None, list 
     """(slopes, curvatures, cuts) as ``Projection`` has them, None in a model without."""
     if not any(group.index in params for group in OWN_AXES):
         return None, None, None
-    per_pixel = own_axes_per_pixel(axes, scales, scales_in_range(axes, scales), LOW_PASS)
+    per_pixel = own_axes_per_pixel(axes, scales, scales_in_range(axes, scales))
 
     def on_screen(group: RowGroup, convert: Callable[[list, list[tuple]], list]) -> list:
         ((name, shape),), row = group.arrays.items(), params[group.row]
