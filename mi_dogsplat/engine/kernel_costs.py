@@ -72,8 +72,7 @@ def primitive_operations(options: RasterOptions, variant: str, *groups: RowGroup
 
     def run() -> None:
         projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
-        settings = settings_of(Settings.of(options, 3), projection)
-        dr.eval(pack(projection, projection.colors, settings), projection.visible)
+        dr.eval(pack(projection, projection.colors, settings_of(options, 3, projection)), projection.visible)
 
     return operations(run) / N
 
@@ -117,7 +116,10 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
         projection.cuts = (2 * projection.colors)[: settings.cuts * CUT_COLUMNS]
     features = (2 * projection.colors)[: settings.n_features]
     blocks = replace(Blocks.of_backend(), unroll=unroll, adapts=False)
-    view = arrange(projection, features, Grid(SIZE, SIZE, blocks), settings)
+    options = RasterOptions(
+        cutoffs=settings.cutoffs, negative_transmittance=settings.negative_transmittance, patch=settings.patch
+    )
+    view = arrange(projection, features, Grid(SIZE, SIZE, blocks), options)
     dr.eval(view)
     return view
 

@@ -18,7 +18,7 @@ from .device_camera import DeviceCamera
 from .drjit_internals import held
 from .geometry import Blocks, Grid
 from .normals import normals
-from .options import RasterOptions, Settings
+from .options import RasterOptions
 from .project import Projection
 from .projected import projected
 from .tables import CentredKernel
@@ -160,7 +160,7 @@ def _arranged(
 ) -> WalkableView:
     """The view of the camera, for the backend's blocks."""
     grid = Grid.of(camera.width, camera.height, Blocks.of_backend())
-    return arrange(projection, features, grid, Settings.of(options, len(features)), stop_depth, options.isect_memory)
+    return arrange(projection, features, grid, options, stop_depth)
 
 
 def _composited(projection: Projection, features: list, view: WalkableView, blended: Planes | None) -> tuple[list, Any]:
