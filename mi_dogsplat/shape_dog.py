@@ -192,30 +192,42 @@ class DogShape(mi.Mesh):
             keys = []  # the update before raised, so that nothing is known of what it changed
         self._fits = False
         shapes = self._shapes()
-        n, size = (shapes["means"] or (0,))[0], require_sh_size(shapes["sh_coeffs"])
         if "to_world" in keys or not keys:
-            dr.make_opaque(self.to_world)  # kernels that hold its numbers would be compiled for each frame of a film
-            try:
-                matrix = self._matrix()
-                decompose_similarity(matrix)
-            except ValueError as error:
-                raise RuntimeError(f'dog: "to_world": {error}') from None
-            self._moves = "to_world" in keys or not np.array_equal(matrix, np.eye(4))
+            self._update_transform(keys)
+        self._require_rows(shapes)
+        self._update_rows(keys, shapes)
+        self._fits, self._checked = True, shapes
+
+    def _update_transform(self, keys: list[str]):
+        dr.make_opaque(self.to_world)  # kernels that hold its numbers would be compiled for each frame of a film
+        try:
+            matrix = self._matrix()
+            decompose_similarity(matrix)
+        except ValueError as error:
+            raise RuntimeError(f'dog: "to_world": {error}') from None
+        self._moves = "to_world" in keys or not np.array_equal(matrix, np.eye(4))
+
+    def _require_rows(self, shapes: dict[str, tuple]):
+        """Tensors of these ``shapes`` have a row for each primitive, or for each that is in their group."""
+        n, size = (shapes["means"] or (0,))[0], require_sh_size(shapes["sh_coeffs"])
         rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (size, 3)}
         require_rows(shapes, rows, n, "means")
         for group in self.groups:
             require_rows(shapes, group.arrays, shapes[group.index][0], group.index)
-        # the device is waited for where an index is read: so only if it is another, or the number of primitives is
+
+    def _update_rows(self, keys: list[str], shapes: dict[str, tuple]):
+        """The rows of primitives, where an index is another, or the number of primitives is: reading one waits for the
+        device."""
         changed = [g for g in self.groups if not keys or g.index in keys or shapes["means"] != self._checked["means"]]
         for group in changed:
             index = getattr(self, group.index).numpy()
-            require_index(group.index, index, n)
+            require_index(group.index, index, shapes["means"][0])
             if group in BESIDE_COLORS:
-                self._rows[group.index] = rows_of_splats(index, n)
+                self._rows[group.index] = rows_of_splats(index, shapes["means"][0])
         of_degrees = [group for group in SH.values() if group in self.groups]
         if of_degrees and (changed or shapes["sh_coeffs"] != self._checked["sh_coeffs"]):
-            require_one_degree([getattr(self, group.index).numpy() for group in of_degrees], size)
-        self._fits, self._checked = True, shapes
+            indices = [getattr(self, group.index).numpy() for group in of_degrees]
+            require_one_degree(indices, shapes["sh_coeffs"][1])
 
     @property
     def parameters(self) -> dict:

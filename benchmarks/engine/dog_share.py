@@ -22,9 +22,10 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat import to_dog
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
 from mi_dogsplat.engine.parameters import RAW_DOG, upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.tiles import tiles
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba

@@ -3,8 +3,8 @@
 It knows plain Gaussians of constant colour. There is no DoG, no view-dependent colour, no background, depth or
 antialiasing, no mode and no cutoff to choose: nothing to leave out, because it was never there. With the engine it
 shares what has no options (camera, rotation, tile lists, sums over isects). The formulas are those of ``project.py``,
-``walks/walk.py`` and ``walks/adjoints.py``, and explained there; ``tests/engine/test_lean.py`` shows that kernels of
-both consist of the same instructions.
+``screen_kernels.py``, ``walks/walk.py`` and ``walks/adjoints.py``, and explained there; ``tests/engine/test_lean.py``
+shows that kernels of both consist of the same instructions.
 """
 
 from __future__ import annotations
@@ -13,21 +13,13 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+from mi_dogsplat.engine.activations import rotation_matrix, softplus
 from mi_dogsplat.engine.arrays import array_types, detached
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
-from mi_dogsplat.engine.project import (
-    LOG2_E,
-    LOW_PASS,
-    MAX_AXIS,
-    DeviceCamera,
-    Kernels,
-    Projection,
-    in_unit,
-    rotation_matrix,
-    rows,
-    softplus,
-)
-from mi_dogsplat.engine.rows import read_rows
+from mi_dogsplat.engine.project import Projection
+from mi_dogsplat.engine.rows import read_rows, rows
+from mi_dogsplat.engine.screen_kernels import LOG2_E, LOW_PASS, MAX_AXIS, Kernels, in_unit
 from mi_dogsplat.engine.tiles import TileLists, tiles
 from mi_dogsplat.engine.walks.pixels import planes_of
 from mi_dogsplat.engine.walks.slot_rows import columns_of, lanes_add_in_turn

@@ -12,7 +12,7 @@ import mitsuba as mi
 from mi_dogsplat.engine.arrays import array_types, while_loop
 from mi_dogsplat.engine.frozen import frozen
 from mi_dogsplat.engine.geometry import MAX_ALPHA, Grid, Lanes
-from mi_dogsplat.engine.project import LN2
+from mi_dogsplat.engine.screen_kernels import LN2
 from mi_dogsplat.engine.tables import KernelRow
 from mi_dogsplat.engine.tiles import WORD, TileLists
 from mi_dogsplat.engine.walks.block_sums import kernel_adjoints

@@ -20,10 +20,11 @@ from pathlib import Path
 import drjit as dr
 import numpy as np
 from markupsafe import Markup
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
-from mi_dogsplat.engine.options import Settings
+from mi_dogsplat.engine.options import RasterOptions, Settings
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.tables import pack
 from mi_dogsplat.engine.tiles import tiles
 from mi_dogsplat.engine.view import arrange
@@ -184,7 +185,7 @@ def measure(points: Sequence[Point], rounds: int) -> dict[str, list[float]]:
     for k, p in enumerate(points):
         params, view, grid = upload(p.splats), DeviceCamera.upload(p.camera), p.grid
         projection = project(params, view, sh_degree=0)
-        prepared = arrange(projection, projection.colors, grid, Settings(3))
+        prepared = arrange(projection, projection.colors, grid, RasterOptions())
         dr.eval(projection, prepared)
 
         def project_stage(params=params, view=view):

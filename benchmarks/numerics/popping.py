@@ -24,10 +24,11 @@ from typing import Any
 
 import numpy as np
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks, Grid
-from mi_dogsplat.engine.options import RasterOptions, Settings
+from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import device_array, upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.view import arrange
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.render.framing import automatic_camera
@@ -59,7 +60,7 @@ def picture(params: dict[str, Any], camera: Camera, degree: int, key: str = "dep
     if order is not None or key != "depth":
         projection = replace(projection, depth=device_array(keys[key] if order is None else order))
     grid = Grid.of(camera.width, camera.height, Blocks.of_backend())
-    blended = composite(arrange(projection, projection.colors, grid, Settings.of(options, 3)))
+    blended = composite(arrange(projection, projection.colors, grid, options))
     image = np.stack([plane.numpy().reshape(camera.height, camera.width) for plane in blended.features], -1)
     return Sorted(image.astype(np.float64), keys)
 

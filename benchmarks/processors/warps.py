@@ -19,10 +19,11 @@ from typing import Any
 import drjit as dr
 import numpy as np
 from mi_dogsplat.engine.bands import PreparedView
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.tile_buckets import DEPTHS
 from mi_dogsplat.engine.view import prepare
 from mi_dogsplat.engine.walks.adjoints import composite_backward

@@ -43,12 +43,12 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--variant", default="llvm_ad_rgb")
     args = parser.parse_args(argv)
     set_variant(args.variant)
-    from mi_dogsplat.plugin import dogpath, light_paths  # classes of the variant
+    from mi_dogsplat.plugin import direct_light, dogpath, light_paths  # classes of the variant
 
     sought, emitted = dogpath.lamps_of, light_paths.emitted
 
     def row(make: Callable[[], Any], name: str, how: str, lamps: Callable, light: Callable) -> None:
-        dogpath.lamps_of, light_paths.emitted = lamps, light
+        dogpath.lamps_of, light_paths.emitted, direct_light.emitted = lamps, light, light
         scene = make()  # an integrator of its own, which knows nothing from before
         size = args.size[0], args.size[1]
         picture(scene, args.spp, size, args.seeds)  # compiles
@@ -59,7 +59,7 @@ def main(argv: list[str]) -> None:
         noise = np.median(np.sqrt(variance) / mean)
         numbers = f"{mean.mean():.4f} | {variance.mean():.3e} | {noise:.3f} | {seconds:.2f}"
         print(f"| {name} | {how} | {numbers} |", flush=True)
-        dogpath.lamps_of, light_paths.emitted = sought, emitted
+        dogpath.lamps_of, light_paths.emitted, direct_light.emitted = sought, emitted, emitted
 
     def nothing(params: dict, linear: bool) -> None:
         return None

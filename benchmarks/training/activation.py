@@ -13,7 +13,8 @@ import numpy as np
 from mi_dogsplat.datasets import Dataset
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.presets import GIVEN, RECIPES
+from mi_dogsplat.training.given_rows import GIVEN
+from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.train import Trainer
 
 LOOK_EVERY = 50  # steps between looks at the number of DoG primitives and the clock, as in a run's history

@@ -40,7 +40,8 @@ from mi_dogsplat.support.srgb import displayed, luminance
 from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.images.tone_curve import SrgbLog, ToneCurve
-from mi_dogsplat.training.presets import RECIPES, Recipe
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.recipe import Recipe
 from mi_dogsplat.training.strategy.strategy import Strategy, Training
 from PIL import Image, ImageDraw, ImageFont
 

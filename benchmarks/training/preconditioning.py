@@ -22,7 +22,8 @@ from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.optimizer.preconditioning import Preconditioning
-from mi_dogsplat.training.presets import PRECONDITIONING, RECIPES
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.recipe import PRECONDITIONING
 from mi_dogsplat.training.train import Trainer
 
 from ..timing import ratio

@@ -10,7 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..scores.score import Score, ScoreRule
-from ..training.presets import RECIPES, Recipe
+from ..training.presets import RECIPES
+from ..training.recipe import Recipe
 from ..training.strategy.scheduler import PruningRule
 from .rivals import (
     capped,

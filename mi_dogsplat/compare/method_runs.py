@@ -25,7 +25,8 @@ from ..scene.drawing import Drawing, drawn_as
 from ..support.files import read_object, write_json
 from ..training.config import TrainConfig
 from ..training.optimizer.learning_rates import Refinement
-from ..training.presets import RECIPES, Recipe
+from ..training.presets import RECIPES
+from ..training.recipe import Recipe
 from .folders import REMEDY
 from .methods import METHODS, WITHOUT_DOG, Method
 

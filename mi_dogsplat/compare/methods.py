@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..scores.score import ScoreRule
-from ..training.presets import EARLY_SHARE, GROWTH_GAIN, RECIPES, Recipe
+from ..training.presets import EARLY_SHARE, RECIPES
+from ..training.recipe import GROWTH_GAIN, Recipe
 from ..training.strategy.scheduler import PruningRule
 from .equal import EQUAL_RECIPES, OURS_PUBLISHED
 from .names import ALL, OURS, SUFFIX

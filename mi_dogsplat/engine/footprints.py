@@ -17,13 +17,21 @@ import drjit as dr
 from .arrays import array_types, constant, detached
 from .cuts import LOG2_LARGEST
 from .geometry import Blocks, Grid
-from .project import LN2, NO_ROW, Kernels, Projection
+from .project import Projection
+from .rows import NO_ROW
+from .screen_kernels import LN2, Kernels
 
 SLACK = 1e-3  # px, above the rounding error of the spans
 
 
 class _Ellipses:
-    """Level sets {p >= -log2_range} of kernels, one per lane: (ux dx + uy dy)² + (vy dy)² <= t."""
+    """Level sets {p >= -log2_range} of kernels, one per lane: (ux dx + uy dy)² + (vy dy)² <= t.
+
+    That is dᵀ Σ'⁻¹ d <= 2 ln 2 t, an ellipse. Along a direction e it reaches as far as √(2 ln 2 t eᵀ Σ' e), and does so
+    at Σ' e / (eᵀ Σ' e) times that (Cauchy-Schwarz): hence its extents, and its rightmost point. A row dy cuts it where
+    dx = -uy / ux dy ± √(t - (vy dy)²) / ux; within a band of rows that is largest at the rightmost point, or where the
+    band ends before it.
+    """
 
     def __init__(self, kernels: Kernels, log2_range: float, lookup=lambda v: v):
         def column(v):

@@ -6,7 +6,7 @@ fraction of a second per kernel that is not in Dr.Jit's cache on disk yet.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from ..scene.cameras import Camera
-from ..scene.row_groups import CURVATURES, CUTS, DOG, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
+from ..scene.row_groups import DOG, RowGroup
 from ..scene.splats import Splats
 from .arrays import array_types
 from .bands import WalkableView
@@ -64,21 +64,15 @@ def aov_operations(names: tuple[str, ...], dog: bool, variant: str) -> float:
 
 
 @lru_cache
-def primitive_operations(
-    options: RasterOptions, dog: bool, variant: str, slopes: bool = False, curvatures: bool = False, cuts: int = 0,
-    shifts: bool = False,
-) -> float:  # fmt: skip
-    """Operations of the projection per primitive; with ``dog``, per DoG primitive, with ``slopes``, per one whose
-    colour varies over it, with ``curvatures``, whose brightness curves, with ``cuts``, that so many planes cut off,
-    with ``shifts``, whose place depends on the view. ``variant``: the active one."""
-    kinds = (DOG, dog), (SLOPES, slopes), (CURVATURES, curvatures), (CUTS, cuts > 0), (SECOND_CUTS, cuts > 1)
-    splats, camera = _model(options.sh_degree, [group for group, there in (*kinds, (SHIFTS, shifts)) if there])
+def primitive_operations(options: RasterOptions, variant: str, *groups: RowGroup) -> float:
+    """Operations of the projection per primitive that is in these groups, of DoG, slopes and so on, but of SH.
+    ``variant``: the active one."""
+    splats, camera = _model(options.sh_degree, groups)
     params = upload(splats)
 
     def run() -> None:
         projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
-        settings = settings_of(Settings.of(options, 3), projection)
-        dr.eval(pack(projection, projection.colors, settings), projection.visible)
+        dr.eval(pack(projection, projection.colors, settings_of(options, 3, projection)), projection.visible)
 
     return operations(run) / N
 
@@ -122,12 +116,15 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
         projection.cuts = (2 * projection.colors)[: settings.cuts * CUT_COLUMNS]
     features = (2 * projection.colors)[: settings.n_features]
     blocks = replace(Blocks.of_backend(), unroll=unroll, adapts=False)
-    view = arrange(projection, features, Grid(SIZE, SIZE, blocks), settings)
+    options = RasterOptions(
+        cutoffs=settings.cutoffs, negative_transmittance=settings.negative_transmittance, patch=settings.patch
+    )
+    view = arrange(projection, features, Grid(SIZE, SIZE, blocks), options)
     dr.eval(view)
     return view
 
 
-def _model(sh_degree: int, groups: list[RowGroup]) -> tuple[Splats, DeviceCamera]:
+def _model(sh_degree: int, groups: Sequence[RowGroup]) -> tuple[Splats, DeviceCamera]:
     """A model in front of a camera, all of it in these ``groups``; what it shows matters to no kernel."""
     rng = np.random.default_rng(0)
     rows = {name: np.zeros((N, *shape)) for group in groups for name, shape in group.arrays.items()}

@@ -9,8 +9,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from .activations import rotation_matrix
 from .device_camera import DeviceCamera
-from .project import rotation_matrix
 from .rows import read_rows, rows
 
 

@@ -39,7 +39,3 @@ class Settings:
     slopes: bool = False
     curvatures: bool = False
     cuts: int = 0
-
-    @staticmethod
-    def of(options: RasterOptions, n_features: int) -> Settings:
-        return Settings(n_features, options.cutoffs, options.negative_transmittance, options.patch)

@@ -8,10 +8,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..scene.row_groups import BESIDE_COLORS, DOG, GROUPS, SH
+from ..scene.row_groups import BESIDE_COLORS, DOG, GROUPS, SH, RowGroup
 from ..scene.sh_basis import sh_degree_of
 from ..scene.splats import DENSE, Splats
-from .project import NO_ROW
+from .rows import NO_ROW
 from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows, sh_columns
 
 RAW = DENSE
@@ -83,22 +83,34 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
     if len(parts) == 1:
         return parts[0], sh_sizes[0]
     counts, size = [dr.width(p["logit_opacities"]) for p in parts], max(sh_sizes)
+    parts = _with_equal_colors(parts, counts, sh_sizes)
+    joined: dict = {name: dr.concat([p[name] for p in parts]) for name in RAW}
+    for group in GROUPS:
+        joined |= _joined_group(group, parts, counts)
+    return joined, size
+
+
+def _with_equal_colors(parts: list[dict], counts: list[int], sh_sizes: list[int]) -> list[dict]:
+    """Models as they are, but for their SH coefficients: all mixed, or all uniform of one size."""
     of_parts = list(zip(parts, counts, sh_sizes, strict=True))
     if any(has_groups(p) for p in parts):
-        parts = [p if has_groups(p) else _grouped(p, n, k) for p, n, k in of_parts]
-    else:
-        parts = [p | {"sh_coeffs": sh_columns(p["sh_coeffs"], n, k, 0, size)} for p, n, k in of_parts]
-    joined: dict = {name: dr.concat([p[name] for p in parts]) for name in RAW}
-    first_rows = np.cumsum([0, *counts[:-1]])
-    for group in GROUPS:
-        having = [(p, int(first)) for p, first in zip(parts, first_rows, strict=True) if group.index in p]
-        if having:
-            joined |= {name: dr.concat([p[name] for p, _ in having]) for name in group.names}
-            index = np.concatenate([p[group.index].numpy() + first for p, first in having])
-            joined[group.index] = device_array(index, mi.UInt32)
-            if group in BESIDE_COLORS:
-                joined[group.row] = rows_of_splats(index, sum(counts))
-    return joined, size
+        return [p if has_groups(p) else _grouped(p, n, size) for p, n, size in of_parts]
+    largest = max(sh_sizes)
+    return [p | {"sh_coeffs": sh_columns(p["sh_coeffs"], n, size, 0, largest)} for p, n, size in of_parts]
+
+
+def _joined_group(group: RowGroup, parts: list[dict], counts: list[int]) -> dict:
+    """What the models together have of a group: nothing, or its arrays, its index and, if kernels read it, its row."""
+    first_splats = np.cumsum([0, *counts[:-1]]).tolist()
+    having = [(p, first) for p, first in zip(parts, first_splats, strict=True) if group.index in p]
+    if not having:
+        return {}
+    index = np.concatenate([p[group.index].numpy() + first for p, first in having])
+    joined = {name: dr.concat([p[name] for p, _ in having]) for name in group.names}
+    joined[group.index] = device_array(index, mi.UInt32)
+    if group in BESIDE_COLORS:
+        joined[group.row] = rows_of_splats(index, sum(counts))
+    return joined
 
 
 def _grouped(params: dict, n: int, size: int) -> dict:

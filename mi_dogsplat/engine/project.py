@@ -5,13 +5,7 @@ Notation (Kerbl et al. 2023; method paper, Sec. 3)
     W, t        rotation and translation of the camera (OpenCV: x right, y down, z forward)
     J           Jacobian of the projection at the centre; of a pinhole evaluated inside 1.3 x the field of view,
                 of parallel rays the same everywhere
-    Σ'          screen covariance J W Σ Wᵀ Jᵀ + 0.3 I, in px²
-    p(d)        log2 of a kernel's value at offset d = pixel - μ' :  lo - u² - v²,  u = ux dx + uy dy,  v = vy dy
-
-The quadratic form is kept in units of log2 with the opacity folded in as ``lo``: the compositor then needs neither a
-multiplication by the opacity nor a change of base, and logit opacities of any magnitude stay finite. It is kept as a
-sum of squares because its expanded form A dx² + B dx dy + C dy² cancels on needles: their rounding errors would grow
-with the square of their length in pixels, not with the length.
+    Σ'          screen covariance J W Σ Wᵀ Jᵀ + 0.3 I, in px², of which ``screen_kernels.py`` makes the kernel
 """
 
 from __future__ import annotations
@@ -24,37 +18,19 @@ import drjit as dr
 import mitsuba as mi
 
 from ..scene.row_groups import CURVATURES, OWN_AXES, PLANES, SHIFTS, SLOPES, RowGroup
+from .activations import all_finite, rotation_matrix, softplus
 from .curvatures import curvatures_on_screen
 from .cuts import COLUMNS as CUT_COLUMNS
 from .cuts import by_plane, cut_on_screen
 from .device_camera import DeviceCamera
 from .own_axes import own_axes_per_pixel
-from .rows import read_rows, rows
+from .rows import NO_ROW, read_rows, rows
+from .screen_kernels import LOG2_E, Kernels, scales_in_range, screen_kernels
 from .sh import evaluate_sh, unit
 from .sh_groups import evaluate_groups, has_groups
 from .shifts import ROW as SHIFT_ROW
 from .shifts import VIEW_ROW, shift
 from .slopes import slopes_on_screen
-
-LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
-LOG2_E = 1.4426950408889634
-LN2 = math.log(2)
-MIN_ANTIALIAS_RATIO = 2.5e-5  # of determinants without and with the low-pass filter, as in Mip-Splatting's code
-MAX_AXIS = 1e8  # px; a longer axis of a kernel is cut to this, which changes no pixel and keeps squares in range
-MAX_DET = 2.0**62  # px⁴; the inverse square of a larger determinant is no float, and derivatives need it
-NO_ROW = 0xFFFFFFFF  # row of a primitive that is not in a group: is no DoG, has no slopes, or no cut
-
-
-@dataclass
-class Kernels:
-    """2D kernels on the image plane, R rows: p(d) = lo - (ux dx + uy dy)² - (vy dy)² (log2 of the value)."""
-
-    ux: mi.Float
-    uy: mi.Float
-    vy: mi.Float
-    lo: mi.Float
-    variance_x: mi.Float  # Σ'_xx
-    variance_y: mi.Float  # Σ'_yy
 
 
 @dataclass
@@ -85,79 +61,9 @@ class Projection:
         return len(self.cuts or []) // CUT_COLUMNS
 
 
-def rotation_matrix(q: list[mi.Float]) -> list[list[mi.Float]]:
-    """Rotation of a finite quaternion (x, y, z, w) of any length; the zero quaternion is the identity."""
-    largest = dr.maximum(dr.maximum(abs(q[0]), abs(q[1])), dr.maximum(abs(q[2]), abs(q[3])))
-    usable = largest > 0
-    scale = dr.rcp(dr.select(usable, dr.detach(largest), 1))  # the square of a length need not be a float
-    q = [dr.select(usable, k * scale, default) for k, default in zip(q, (0, 0, 0, 1), strict=True)]
-    inv = dr.rsqrt(dr.fma(q[0], q[0], dr.fma(q[1], q[1], dr.fma(q[2], q[2], q[3] * q[3]))))
-    x, y, z, w = (k * inv for k in q)
-    return [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-
-
-def softplus(x: mi.Float) -> mi.Float:
-    """log(1 + e^x) without overflow; -softplus(-x) is the log of the sigmoid, finite for every finite logit."""
-    positive = x > 0  # not max(x, 0) and |x|: their derivatives would add up to 0 instead of 1/2 at x = 0
-    return dr.select(positive, x, 0) + dr.log(1 + dr.exp(dr.select(positive, -x, x)))
-
-
-def all_finite(values: list[mi.Float]) -> mi.Bool:
-    """Lane by lane, whether each of the values is a finite number."""
-    finite = dr.isfinite(values[0])
-    for value in values[1:]:
-        finite &= dr.isfinite(value)
-    return finite
-
-
-def _in_range(axes, scales) -> list:
-    """Scales with which no axis is longer than ``MAX_AXIS``."""
-    lengths = [dr.maximum(abs(dr.detach(x)), abs(dr.detach(y))) for x, y in zip(*axes, strict=True)]
-    longest = [MAX_AXIS / length for length in lengths]
-    # not the minimum, whose derivative multiplies that of an infinite scale by 0
-    return [dr.select(s <= limit, s, limit) for s, limit in zip(scales, longest, strict=True)]
-
-
-def in_unit(det: mi.Float) -> tuple:
-    """(``det`` in a unit in which derivatives can divide by its square, 1 over that unit: a power of two, by which no
-    bit changes)."""
-    if not dr.grad_enabled(det):
-        return det, 1.0
-    unit = dr.select(det < MAX_DET, 1, 1 / MAX_DET)
-    return det * unit, unit
-
-
-def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
-    """2D kernel of the 3D Gaussian whose scaled axes project to the columns of ``axes`` x ``scales``.
-
-    vy² is the inverse of the variance of y, ux² that of the variance of x given y, both times log2(e) / 2.
-    """
-    scales = _in_range(axes, scales)
-    v0 = [a * s for a, s in zip(axes[0], scales, strict=True)]  # J W R S, first row
-    v1 = [a * s for a, s in zip(axes[1], scales, strict=True)]
-    raw_xx = v0[0] * v0[0] + v0[1] * v0[1] + v0[2] * v0[2]
-    raw_yy = v1[0] * v1[0] + v1[1] * v1[1] + v1[2] * v1[2]
-    xy = v0[0] * v1[0] + v0[1] * v1[1] + v0[2] * v1[2]
-    # det(V Vᵀ) as a sum of squared minors (Cauchy-Binet): xx yy - xy² would cancel to noise on needles
-    m0, m1, m2 = v0[1] * v1[2] - v0[2] * v1[1], v0[2] * v1[0] - v0[0] * v1[2], v0[0] * v1[1] - v0[1] * v1[0]
-    raw_det = m0 * m0 + m1 * m1 + m2 * m2
-    det = raw_det + LOW_PASS * (raw_xx + raw_yy) + LOW_PASS * LOW_PASS
-    if antialiased:
-        factor = 0.5 * dr.log2(dr.maximum(MIN_ANTIALIAS_RATIO, raw_det / det))
-        # of larger ones the ratio is above .999, and has next to no derivative
-        log2_opacity = log2_opacity + dr.select(det < MAX_DET, factor, dr.detach(factor))
-    xx, yy = raw_xx + LOW_PASS, raw_yy + LOW_PASS
-    det, unit = in_unit(det)
-    ux = dr.sqrt(0.5 * LOG2_E * yy * unit / det)
-    return Kernels(ux, -ux * xy / yy, dr.sqrt(0.5 * LOG2_E / yy), log2_opacity, xx, yy)
-
-
-def _through_pinhole(camera: DeviceCamera, W, px, py, depth, visible) -> tuple:
-    """(x, y, J W as two rows) of centres in camera space; W as in the notation, row by row."""
+def _through_pinhole(camera: DeviceCamera, W: list, position: list, visible) -> tuple:
+    """(x, y, J W as two rows) of centres at ``position`` in camera space; W as in the notation, row by row."""
+    px, py, depth = position
     inv_z = dr.rcp(dr.select(visible, depth, 1))
     u, v = px * inv_z, py * inv_z  # tangents of the viewing angles
     x, y = dr.fma(camera.fx, u, camera.cx), dr.fma(camera.fy, v, camera.cy)
@@ -173,6 +79,13 @@ def _through_pinhole(camera: DeviceCamera, W, px, py, depth, visible) -> tuple:
     return x, y, JW
 
 
+def _along_parallel_rays(camera: DeviceCamera, W: list, position: list) -> tuple:
+    """The same of a camera that sees along these."""
+    px, py, _ = position
+    x, y = dr.fma(camera.fx, px, camera.cx), dr.fma(camera.fy, py, camera.cy)
+    return x, y, [[camera.fx * W[0][c] for c in range(3)], [camera.fy * W[1][c] for c in range(3)]]
+
+
 def _pseudo_kernels(params: dict, axes, scales, log2_opacity, antialiased: bool) -> tuple[Kernels, mi.Bool]:
     """Of the M DoG primitives, from what the N primaries have, and whether their factors are numbers."""
     dr.eval(axes, scales, log2_opacity)  # in one kernel: a gather launches one for what is not evaluated yet
@@ -184,7 +97,7 @@ def _pseudo_kernels(params: dict, axes, scales, log2_opacity, antialiased: bool)
     m = dr.arange(mi.UInt32, dr.width(dog_index))
     log_factors = rows(params["dog_log_scales"], 3, m)
     factors = [dr.exp(f) for f in log_factors]
-    pseudo = _screen_kernels(
+    pseudo = screen_kernels(
         [[of(a) for a in row] for row in axes],
         [of(s) * f for s, f in zip(scales, factors, strict=True)],
         of(log2_opacity) - LOG2_E * softplus(-params["dog_logit_opacities"]),
@@ -224,7 +137,7 @@ def _varying(params: dict, axes: list, scales: list) -> tuple[list | None, list 
     """(slopes, curvatures, cuts) as ``Projection`` has them, None in a model without."""
     if not any(group.index in params for group in OWN_AXES):
         return None, None, None
-    per_pixel = own_axes_per_pixel(axes, scales, _in_range(axes, scales), LOW_PASS)
+    per_pixel = own_axes_per_pixel(axes, scales, scales_in_range(axes, scales))
 
     def on_screen(group: RowGroup, convert: Callable[[list, list[tuple]], list]) -> list:
         ((name, shape),), row = group.arrays.items(), params[group.row]
@@ -262,17 +175,17 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     log_scales = rows(params["log_scales"], 3, index)
     scales = [dr.exp(s) for s in log_scales]
     offset = _shifted(params, offset, direction, R, scales)
-    px, py, depth = (seen_by.turned(offset, axis) for axis in range(3))
+    position = [seen_by.turned(offset, axis) for axis in range(3)]
+    depth = position[2]
     visible = camera.in_range(depth)
     if camera.perspective:
-        x, y, JW = _through_pinhole(seen_by, W, px, py, depth, visible)
+        x, y, JW = _through_pinhole(seen_by, W, position, visible)
     else:
-        x, y = dr.fma(seen_by.fx, px, seen_by.cx), dr.fma(seen_by.fy, py, seen_by.cy)
-        JW = [[seen_by.fx * W[0][c] for c in range(3)], [seen_by.fy * W[1][c] for c in range(3)]]
+        x, y, JW = _along_parallel_rays(seen_by, W, position)
 
     axes = [[JW[r][0] * R[0][c] + JW[r][1] * R[1][c] + JW[r][2] * R[2][c] for c in range(3)] for r in range(2)]
     log2_opacity = -LOG2_E * softplus(-params["logit_opacities"])
-    kernels = _screen_kernels(axes, scales, log2_opacity, antialiased)
+    kernels = screen_kernels(axes, scales, log2_opacity, antialiased)
     visible &= all_finite([x, y, kernels.ux, kernels.uy, *log_scales, *quats]) & ~dr.isnan(log2_opacity)
 
     pseudo, dog_row, dog_index = None, None, None

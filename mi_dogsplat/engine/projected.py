@@ -18,7 +18,8 @@ import mitsuba as mi
 from .arrays import array_types, backward
 from .device_camera import DeviceCamera, Nudge
 from .frozen import frozen_for_sizes
-from .project import Kernels, Projection, project
+from .project import Projection, project
+from .screen_kernels import Kernels
 
 NUDGE = "nudge "  # and a number: name of an array of the camera's nudge
 

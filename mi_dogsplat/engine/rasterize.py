@@ -18,7 +18,7 @@ from .device_camera import DeviceCamera
 from .drjit_internals import held
 from .geometry import Blocks, Grid
 from .normals import normals
-from .options import RasterOptions, Settings
+from .options import RasterOptions
 from .project import Projection
 from .projected import projected
 from .tables import CentredKernel
@@ -125,39 +125,49 @@ def rasterize(
         stop_depth: [H*W] world units, a primitive whose centre is deeper is not blended into a pixel (no derivative).
         one_of_many: this is one of many passes of which all are differentiated before their gradients are used.
     """
-    n_pixels = camera.width * camera.height
-    if dr.width(params["logit_opacities"]) == 0 or n_pixels == 0:
-        nothing = [dr.zeros(mi.Float, n_pixels) for _ in range(3)]
-        depth, normal = nothing[0] if options.depth else None, nothing if options.normal else None
-        return Frame(nothing, dr.full(mi.Float, 1, n_pixels), depth, normal)
-
+    if dr.width(params["logit_opacities"]) == 0 or camera.width * camera.height == 0:
+        return _empty_frame(camera.width * camera.height, options)
     projection = projected(
         params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased, one_of_many=one_of_many
     )
     if probe is not None:
         projection.x, projection.y = projection.x + probe[0], projection.y + probe[1]
-    depth = [projection.depth] if options.depth or stop_depth is not None else []
-    features = projection.colors + depth + (normals(params, camera) if options.normal else [])
+    depths = [projection.depth] if options.depth or stop_depth is not None else []
+    features = projection.colors + depths + (normals(params, camera) if options.normal else [])
+
     key = (camera.numbers, options, *((name, value.index) for name, value in params.items()))
     known = last.recall(key) if last and recall else None
     if last and not recall:
         last.forget()
-    if known:
-        view, blended = known
-    else:
-        grid = Grid.of(camera.width, camera.height, Blocks.of_backend())
-        settings = Settings.of(options, len(features))
-        view = arrange(projection, features, grid, settings, stop_depth, options.isect_memory)
-        blended = None
+    view, blended = known or (_arranged(projection, features, camera, options, stop_depth), None)
+    planes, T = _composited(projection, features, view, blended)
+    if last and not recall:
+        last.keep(key, list(params.values()), (view, Planes(detached(planes), detached(T))))
 
+    depth, normal = planes[3] if options.depth else None, planes[-3:] if options.normal else None
+    return Frame(planes[:3], T, depth, normal, projection, view)
+
+
+def _empty_frame(n_pixels: int, options: RasterOptions) -> Frame:
+    """Of no primitives, or no pixels."""
+    nothing = [dr.zeros(mi.Float, n_pixels) for _ in range(3)]
+    depth, normal = nothing[0] if options.depth else None, nothing if options.normal else None
+    return Frame(nothing, dr.full(mi.Float, 1, n_pixels), depth, normal)
+
+
+def _arranged(
+    projection: Projection, features: list, camera: DeviceCamera, options: RasterOptions, stop_depth: mi.Float | None
+) -> WalkableView:
+    """The view of the camera, for the backend's blocks."""
+    grid = Grid.of(camera.width, camera.height, Blocks.of_backend())
+    return arrange(projection, features, grid, options, stop_depth)
+
+
+def _composited(projection: Projection, features: list, view: WalkableView, blended: Planes | None) -> tuple[list, Any]:
+    """(planes of the features, T), attached to the AD graph where the projection is."""
     k, p = projection.kernels, projection.pseudo
     kernels = CentredKernel(projection.x, projection.y, k.ux, k.uy, k.vy, k.lo)
     splats = [*kernels, *features, *projection.varying]
     pseudo = [] if p is None else [p.ux, p.uy, p.vy, p.lo]
     composited: Any = dr.custom(_Composite, _Fixed(view, blended), splats, pseudo)
-    planes, T = composited
-    if last and not recall:
-        last.keep(key, list(params.values()), (view, Planes(detached(planes), detached(T))))
-    colors, extra = planes[:3], planes[3:]
-    depth_plane = extra[0] if options.depth else None
-    return Frame(colors, T, depth_plane, extra[len(depth) :] if options.normal else None, projection, view)
+    return composited

@@ -9,6 +9,8 @@ import mitsuba as mi
 
 from .arrays import array_types
 
+NO_ROW = 0xFFFFFFFF  # row of a primitive that is not in a group: is no DoG, has no slopes, or no cut
+
 
 def rows(array: mi.Float, count: int, index: mi.UInt32, active=True) -> list[mi.Float]:
     """Row ``index`` of a [*, count] array, as ``count`` arrays. Differentiable; a row is read by one lane only."""

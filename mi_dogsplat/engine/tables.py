@@ -14,7 +14,8 @@ from .arrays import array_types, detached
 from .curvatures import COLUMNS as CURVATURE_COLUMNS
 from .cuts import COLUMNS as CUT_COLUMNS
 from .options import Settings
-from .project import Kernels, Projection
+from .project import Projection
+from .screen_kernels import Kernels
 from .slopes import COLUMNS as SLOPE_COLUMNS
 
 

@@ -19,7 +19,8 @@ from .drjit_internals import argsort_small
 from .footprints import Footprints
 from .geometry import Blocks, Cutoffs, Grid, Lanes
 from .isects import Isects, count_isects, depth_bits
-from .project import NO_ROW, Projection
+from .project import Projection
+from .rows import NO_ROW
 from .tile_buckets import sort_into_buckets
 
 WORD, AT_ONCE = 32, 8  # bits of a word, and how many masks are read at once
@@ -66,34 +67,21 @@ def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
 
     A sort by depth and a counting sort by tile, which is few passes on the CPU.
     """
-    types = array_types()
-    UInt, n_isects = types.UInt, isects.total
     n_splats, n_tiles = dr.width(isects.counts), dr.width(lanes.tile) // blocks.lanes_per_tile
-    if n_isects == 0:
+    if isects.total == 0:
         return _no_lists(n_splats, n_tiles)
+    UInt = array_types().UInt
     slot_begin, slot_end = _slots(isects)
     tile_from_slot, splat_and_mask = _emitted(isects, slot_begin)
     slot_from_isect = argsort_small(tile_from_slot, n_tiles)
-    tile = dr.gather(UInt, tile_from_slot, slot_from_isect)
-    i = dr.arange(UInt, n_isects)
-    count = dr.opaque(UInt, n_isects)  # a literal would compile a kernel per frame
-    dr.eval(tile, slot_from_isect)
-    before = dr.gather(UInt, tile, i - 1, i > 0)
-    after = dr.gather(UInt, tile, i + 1, i + 1 < count)
-    begin, end = dr.zeros(UInt, n_tiles), dr.zeros(UInt, n_tiles)
-    dr.scatter(begin, i, tile, (i == 0) | (before != tile))
-    dr.scatter(end, i + 1, tile, (i + 1 == count) | (after != tile))
-    splat, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
-    splat_from_isect = dr.empty(UInt, n_isects)  # evaluated itself, it would keep what it is gathered from (Dr.Jit 1.5)
-    dr.scatter(splat_from_isect, splat, i, mode=dr.ReduceMode.Permute)
-    n_words = -(-n_isects // WORD)
-    masks = dr.empty(UInt, n_words * WORD)  # read some at once; what is behind the last isect is nobody's
-    dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
-    dog = None if isects.dog_row is None else _dog_tiles(isects.dog_row, tile, splat_from_isect, n_tiles)
+    tile_from_isect = dr.gather(UInt, tile_from_slot, slot_from_isect)
+    dr.eval(tile_from_isect, slot_from_isect)
+    begin, end = _ranges(tile_from_isect, n_tiles)
+    splat_from_isect, masks = _sorted(splat_and_mask, slot_from_isect)
+    dog = None if isects.dog_row is None else _dog_tiles(isects.dog_row, tile_from_isect, splat_from_isect, n_tiles)
     dr.eval(begin, end, splat_from_isect, masks, dog)
-    words = dr.empty(UInt, (n_tiles + n_words) * blocks.lanes_per_tile)
     first, last = (dr.gather(UInt, ends, lanes.tile) for ends in (begin, end))
-    transpose_masks(lanes, blocks, masks, first, last, words)
+    words = _lane_words(lanes, blocks, masks, first, last)
     return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_end, words, dog=dog)
 
 
@@ -132,6 +120,32 @@ def _emitted(isects: Isects, slot_begin: Any) -> tuple:
     return tile_from_slot, splat_and_mask
 
 
+def _ranges(tile_from_isect: Any, n_tiles: int) -> tuple:
+    """[tiles] first isect of each tile, and the one behind its last: they are where its neighbours are of other tiles.
+    Both are 0 where it has none."""
+    UInt, n_isects = array_types().UInt, dr.width(tile_from_isect)
+    i = dr.arange(UInt, n_isects)
+    count = dr.opaque(UInt, n_isects)  # a literal would compile a kernel per frame
+    before = dr.gather(UInt, tile_from_isect, i - 1, i > 0)
+    after = dr.gather(UInt, tile_from_isect, i + 1, i + 1 < count)
+    begin, end = dr.zeros(UInt, n_tiles), dr.zeros(UInt, n_tiles)
+    dr.scatter(begin, i, tile_from_isect, (i == 0) | (before != tile_from_isect))
+    dr.scatter(end, i + 1, tile_from_isect, (i + 1 == count) | (after != tile_from_isect))
+    return begin, end
+
+
+def _sorted(splat_and_mask: Any, slot_from_isect: Any) -> tuple:
+    """(primitive of each isect; masks, of a multiple of ``WORD``), from the pairs of the slots."""
+    types, n_isects = array_types(), dr.width(slot_from_isect)
+    i = dr.arange(types.UInt, n_isects)
+    splat, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
+    splat_from_isect = dr.empty(types.UInt, n_isects)  # evaluated itself, it would keep what it is gathered from (1.5)
+    dr.scatter(splat_from_isect, splat, i, mode=dr.ReduceMode.Permute)
+    masks = dr.empty(types.UInt, -(-n_isects // WORD) * WORD)  # what is behind the last isect is nobody's
+    dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
+    return splat_from_isect, masks
+
+
 def _dog_tiles(dog_row: Any, tile_from_isect: Any, splat_from_isect: Any, n_tiles: int) -> Any:
     """``TileLists.dog``."""
     UInt = array_types().UInt
@@ -151,13 +165,12 @@ def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLi
     if buckets is None:
         return _no_lists(dr.width(depth_bits), grid.n_tiles)
     begin, end = dr.empty(UInt, grid.n_tiles), dr.empty(UInt, grid.n_tiles)
-    words = dr.empty(UInt, (grid.n_tiles + dr.width(buckets.masks) // WORD) * lanes_per_tile)
     tile = grid.lanes.tile
     first, last = buckets.of_tile(tile)
     leads = dr.arange(UInt, dr.width(tile)) % lanes_per_tile == 0
     dr.scatter(begin, first, tile, leads, mode=dr.ReduceMode.Permute)
     dr.scatter(end, last, tile, leads, mode=dr.ReduceMode.Permute)
-    transpose_masks(grid.lanes, grid.blocks, buckets.masks, first, last, words)
+    words = _lane_words(grid.lanes, grid.blocks, buckets.masks, first, last)
     return TileLists(buckets.splat, begin, end, buckets.splat, slot_begin, slot_end, words, one_slot_each=True)
 
 
@@ -169,12 +182,17 @@ def _no_lists(n: int, n_tiles: int) -> TileLists:
     return TileLists(none, begin, end, none, nowhere, nowhere, none, one_slot_each=not types.is_llvm)
 
 
-def transpose_masks(lanes: Lanes, blocks: Blocks, masks: Any, begin: Any, end: Any, words: Any) -> None:
-    """From a bit per lane, for every isect, to a bit per isect, for every lane: the ``words`` of ``TileLists``.
+def _lane_words(lanes: Lanes, blocks: Blocks, masks: Any, begin: Any, end: Any) -> Any:
+    """The ``words`` of ``TileLists``, evaluated: from a bit per lane, for every isect, to a bit per isect, for every
+    lane.
 
-    ``begin``, ``end``: isects of each lane's tile.
+    Args:
+        masks: as many as fill words; those of isects that are nobody's may be anything.
+        begin, end: isects of each lane's tile.
     """
     types, tile, lanes_per_tile = array_types(), lanes.tile, blocks.lanes_per_tile
+    n_tiles, n_groups = dr.width(tile) // lanes_per_tile, dr.width(masks) // WORD
+    words = dr.empty(types.UInt, (n_tiles + n_groups) * lanes_per_tile)
     lane = dr.arange(types.UInt, dr.width(tile)) % lanes_per_tile
 
     def one_word(group):
@@ -194,3 +212,4 @@ def transpose_masks(lanes: Lanes, blocks: Blocks, masks: Any, begin: Any, end: A
     last = dr.select(begin < end, (end - 1) // WORD + 1, 0)
     while_loop((begin // WORD,), lambda group: group < last, one_word, "lanes", ("group",))
     dr.eval(words)
+    return words

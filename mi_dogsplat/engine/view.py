@@ -29,7 +29,7 @@ def prepare(params: dict, camera: DeviceCamera, options: RasterOptions, blocks: 
     """
     projection = _projection(params, camera, options)
     grid = Grid.of(camera.width, camera.height, blocks or Blocks.of_backend())
-    return arrange(projection, projection.colors, grid, Settings.of(options, 3), isect_memory=options.isect_memory)
+    return arrange(projection, projection.colors, grid, options)
 
 
 def prepare_both(
@@ -38,9 +38,8 @@ def prepare_both(
     """A view projected once and prepared twice, as by ``prepare``: with the backend's blocks, to be composited, and
     with ``blocks``, for a walk that needs its image."""
     projection = _projection(params, camera, options)
-    settings = Settings.of(options, 3)
     grid, other = (Grid.of(camera.width, camera.height, b) for b in (Blocks.of_backend(), blocks))
-    view = arrange(projection, projection.colors, other, settings, isect_memory=options.isect_memory)
+    view = arrange(projection, projection.colors, other, options)
     if not blocks.tiles_as(grid.blocks):
         return listed(projection, view.tables, grid, view.settings, options.isect_memory), view
     # tiles that overlap list more than blending needs, and they and their lanes are in the same places
@@ -48,31 +47,32 @@ def prepare_both(
 
 
 def arrange(
-    projection: Projection,
-    features: list,
-    grid: Grid,
-    settings: Settings,
-    stop_depth=None,
-    isect_memory: float | None = None,
+    projection: Projection, features: list, grid: Grid, options: RasterOptions, stop_depth=None
 ) -> WalkableView:
     """Lay out and list primitives that have been projected.
 
     Args:
-        features: what is blended, [N] each, as many as ``settings`` says; the colours first, if they vary.
-        settings: whatever they say of slopes, curvatures and cuts, it is the projection that has some or none.
+        features: what is blended, [N] each; the colours first, if they vary.
+        options: specialisation of the kernels, and memory; ``depth`` and ``normal`` are not looked at.
         stop_depth: [H*W], a primitive whose fourth feature, its depth, is larger is not blended into a pixel.
-        isect_memory: as in ``RasterOptions``.
     """
-    settings = settings_of(settings, projection)
+    settings = settings_of(options, len(features), projection)
     tables = pack(projection, features, settings)
     tables.stop_depth = detached(stop_depth) if stop_depth is not None else None
-    return listed(projection, tables, grid, settings, isect_memory)
+    return listed(projection, tables, grid, settings, options.isect_memory)
 
 
-def settings_of(settings: Settings, projection: Projection) -> Settings:
-    """Of a projection, with what varies over its primitives."""
-    slopes, curvatures = projection.slopes is not None, projection.curvatures is not None
-    return replace(settings, slopes=slopes, curvatures=curvatures, cuts=projection.planes)
+def settings_of(options: RasterOptions, n_features: int, projection: Projection) -> Settings:
+    """What the kernels are specialised to: by the options, and by what varies over the primitives that there are."""
+    return Settings(
+        n_features,
+        options.cutoffs,
+        options.negative_transmittance,
+        options.patch,
+        slopes=projection.slopes is not None,
+        curvatures=projection.curvatures is not None,
+        cuts=projection.planes,
+    )
 
 
 def _projection(params: dict, camera: DeviceCamera, options: RasterOptions) -> Projection:

@@ -52,7 +52,7 @@ def feature(name: str, needed: bool, reason: str, otherwise: str) -> Feature:
 def model_features(parts: list[Splats], negative_transmittance: bool = True) -> list[Feature]:
     """What primitives need, of one model or of several that are rendered as one."""
     n, variant = sum(s.n_splats for s in parts), mi.variant()
-    operations_each = primitive_operations(RasterOptions(0), False, variant)
+    operations_each = primitive_operations(RasterOptions(0), variant)
     pair = pair_operations(Settings(3), False, variant)
     cost = f"each {_size(PARAMETERS)}, {operations_each:.0f} operations; per pixel {_sum(pair)}"
     gaussians = Feature("Gaussians", NEEDED, f"{counted(n, 'primitive')}; {cost}")
@@ -72,7 +72,7 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
         return [Feature("DoG", LEFT_OUT, share), Feature("negative T", LEFT_OUT, "there is no DoG primitive")]
     settings = Settings(3, negative_transmittance=negative_transmittance)
     more = _difference(pair_operations(settings, True, variant), pair_operations(Settings(3), False, variant))
-    each = [primitive_operations(RasterOptions(0), dog, variant) for dog in (True, False)]
+    each = [primitive_operations(RasterOptions(0), variant, *groups) for groups in ((DOG,), ())]
     cost = f"each {_size(DOG.row_size, indices=1)}, {each[0] - each[1]:.0f} operations; per pixel {_sum(more)}"
     faded = sum(int(np.sum(s.dog_opacities * largest_alphas(s)[s.dog_index] < Cutoffs().alpha)) for s in parts)
     features = [Feature("DoG", NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
@@ -102,7 +102,8 @@ def _row_features(
         return [Feature(name, LEFT_OUT, share)]
     without, with_them = (pair_operations(replace(Settings(3), **{setting: v}), False, variant) for v in values)
     pair = _sum(_difference(with_them, without))
-    each = [primitive_operations(RasterOptions(0), False, variant, **{setting: v}) for v in values]
+    before = (CUTS,) if group is SECOND_CUTS else ()
+    each = [primitive_operations(RasterOptions(0), variant, *groups) for groups in (before, (*before, group))]
     cost = f"each {_size(group.row_size, indices=1)}, {each[1] - each[0]:.0f} operations; per pixel {pair}"
     features = [Feature(name, NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
     if m < n:
@@ -117,7 +118,7 @@ def _shift_feature(parts: list[Splats]) -> Feature:
     share = f"{count(m)} of {counted(n, 'primitive')}"
     if m == 0:
         return Feature("shifts", LEFT_OUT, share)
-    each = [primitive_operations(RasterOptions(0), False, mi.variant(), shifts=shifts) for shifts in (True, False)]
+    each = [primitive_operations(RasterOptions(0), mi.variant(), *groups) for groups in ((SHIFTS,), ())]
     cost = f"each {_size(SHIFTS.row_size, indices=1)}, {each[0] - each[1]:.0f} operations"
     return Feature("shifts", NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")
 
@@ -131,7 +132,7 @@ def _sh_features(parts: list[Splats]) -> list[Feature]:
             reason = f"the model has degree {stored.max(initial=0)}"
             features.append(Feature(f"SH degree {degree}", LEFT_OUT, reason))
             continue
-        with_it, without = (primitive_operations(RasterOptions(d), False, mi.variant()) for d in (degree, degree - 1))
+        with_it, without = (primitive_operations(RasterOptions(d), mi.variant()) for d in (degree, degree - 1))
         cost = f"each {_size(3 * (2 * degree + 1))}, {with_it - without:.0f} operations"
         zeros = int(((stored >= degree) & (used < degree)).sum())
         zero, wasted = "", file_size(FLOAT * 3 * (2 * degree + 1) * zeros)
@@ -190,7 +191,7 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
     conversion = f"srgb_primitives; {per_pixel:.0f} operations per pixel of the image"
     features.append(feature("sRGB conversion", not drawn.linear, conversion, "srgb_primitives is false"))
 
-    each = [primitive_operations(RasterOptions(0, antialiased=on), False, variant) for on in (True, False)]
+    each = [primitive_operations(RasterOptions(0, antialiased=on), variant) for on in (True, False)]
     filtering = f"antialiased; each {each[0] - each[1]:.0f} operations"
     features.append(feature("antialiasing", drawn.antialiased, filtering, "antialiased is false"))
 

@@ -9,7 +9,9 @@ from typing import Any
 from ..report.run_folder import CONFIG, RECIPE, Run
 from ..support.errors import DataError
 from ..support.wording import finite
-from ..training.presets import GIVEN, RECIPES, Recipe
+from ..training.given_rows import GIVEN
+from ..training.presets import RECIPES
+from ..training.recipe import Recipe
 
 RULES = ("pruning", "dog", *GIVEN, "preconditioning")  # which a recipe may lack
 REMEDY = "restore or delete it"

@@ -10,7 +10,7 @@ from ..formats.read import read_model
 from ..report.run_folder import MODEL, read_run
 from ..support.wording import counted
 from ..training.config import TrainConfig
-from ..training.presets import GIVEN
+from ..training.given_rows import GIVEN
 from .dataset import SCENE_SPP
 from .features import FLOAT, LEFT_OUT, NEEDED, Feature, feature, model_features
 from .stored_recipe import recipe_of

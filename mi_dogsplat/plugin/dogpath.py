@@ -184,8 +184,7 @@ class DogPathIntegrator(SplatIntegrator):
         return [dr.fma(T, b, c) for c, b in zip(light, behind, strict=True)]
 
     def _behind(self, views: list[Splatted]) -> list[list]:
-        """What paths of views of the same primitives bring, traced together. What they find besides is noted in the
-        surfaces of each."""
+        """What paths of views of the same primitives bring, traced together; notes what they find besides."""
         drawn, count = views[0].drawn, len(views)
         limits = Limits(self.max_depth, self.rr_depth, self.hide_emitters, self.see_through)
         scene, straight = drawn.scene, self._straight.of(drawn.scene)
@@ -205,6 +204,12 @@ class DogPathIntegrator(SplatIntegrator):
 
         behind = radiance(trace, count, drawn.params, drawn.derivative)
         (paths,) = primal
+        self._note(views, behind, paths)
+        return behind
+
+    def _note(self, views: list[Splatted], behind: list[list], paths: LightPaths) -> None:
+        """What paths have found besides radiance, in the surfaces of each view."""
+        count = len(views)
         if self.see_through:
             for view, (clear,) in zip(views, parted([paths.clear], count), strict=True):
                 view.surfaces.clear = clear
@@ -212,7 +217,6 @@ class DogPathIntegrator(SplatIntegrator):
             guides = parted(paths.guides.planes(), count)
             for view, channels, of_view in zip(views, behind, guides, strict=True):
                 view.surfaces.for_denoiser = denoising.planes(view.frame.T, channels, of_view)
-        return behind
 
 
 def _rays(views: list[Splatted]) -> tuple[Any, Any]:

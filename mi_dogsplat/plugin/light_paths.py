@@ -29,10 +29,10 @@ from mitsuba.python.ad.integrators.common import mis_weight
 
 from ..tracing.tracer import SplatTracer
 from .denoising import Guides
+from .direct_light import DirectLight
 from .numbers import Streams
 from .replayed import Replay
 from .splat_lamps import SplatLamps
-from .straight import transmittance
 from .transfer import emitted, mean_of, spectrum_of
 from .wavefront import add_to
 
@@ -105,6 +105,7 @@ class LightPaths:
     ):  # fmt: skip
         self.scene, self.tracer, self.lamps = scene, tracer, lamps
         self.limits, self.linear, self.streams, self.straight = limits, linear, streams, straight
+        self.direct_light = DirectLight(scene, tracer, lamps, linear, straight)
         self.guides = guides
         self.clear: Any = mi.Float(0)  # of each ray, once traced: the share that no surface or splat keeps
 
@@ -162,7 +163,7 @@ class LightPaths:
             self.guides.add_light(Ls + Le, lanes.sample, lanes.sharp)
 
         bsdf, goes_on = si.bsdf(), depth + 1 < self.limits.max_depth
-        Lr_direct = self._direct(si, bsdf, si.is_valid() & goes_on, lanes.β, random, attached)
+        Lr_direct = self.direct_light.reflected(si, bsdf, si.is_valid() & goes_on, lanes.β, random, attached)
         bounce = self._sampled(si, bsdf, goes_on, random, attached)
         if self.guides:
             smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) & ~bounce.passes
@@ -217,16 +218,6 @@ class LightPaths:
         with dr.resume_grad(when=attached):
             return lanes.β * dr.detach(mis) * ds.emitter.eval(si, seen)
 
-    def _direct(self, si: Any, bsdf: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
-        """Light of emitters and of lamps among the splats, by sampling their directions."""
-        Lr = self._from_emitters(si, bsdf, active, β, random, attached)
-        if self.lamps:
-            smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-            of_lamps = self._from_lamps(si, smooth, β, random, attached)
-            with dr.resume_grad(when=attached):
-                Lr = Lr + of_lamps
-        return Lr
-
     def _sampled(self, si: Any, bsdf: Any, goes_on: Any, random: Any, attached: bool) -> Bounce:
         """By BSDF sampling. ``goes_on``: paths that may have another vertex."""
         active, passes, share = si.is_valid() & goes_on, mi.Bool(False), mi.Spectrum(1)
@@ -261,42 +252,6 @@ class LightPaths:
             lanes, o=away.o, d=away.d, β=β, η=η, pdf=pdf, delta=delta, source=source, n=n, passed=passed,
             beyond=passes, straight=straight,
         ), active  # fmt: skip
-
-    def _from_emitters(self, si: Any, bsdf: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
-        """Light of emitters, as splats let it through, by sampling their directions; none on mirrors."""
-        active = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        ds, weight = self.scene.sample_emitter_direction(si, random.next_2d(), not self.straight, active)
-        active = active & (ds.pdf != 0)
-        shadow = si.spawn_ray_to(ds.p)
-        # Mitsuba puts these at the end of the surfaces, and splats may be farther
-        infinite = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
-        shadow.maxt = dr.select(infinite, dr.largest(mi.Float), shadow.maxt)
-        with dr.resume_grad(when=attached):
-            if attached:
-                value = self.scene.eval_emitter_direction(si, ds, active)
-                weight = dr.replace_grad(weight, value * dr.select(active, dr.rcp(ds.pdf), 0))
-            left: Any = mi.Spectrum(1)
-            if self.straight:
-                left = transmittance(self.scene, si, ds.p, active, attached)
-                active &= dr.any(dr.detach(left) != 0)
-            value_bsdf, pdf_bsdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(ds.d), active)
-            mis = dr.select(ds.delta, 1, mis_weight(ds.pdf, pdf_bsdf * mean_of(dr.detach(left))))
-            T = left * self.tracer.transmittance(shadow, active)
-            return dr.select(active, β * dr.detach(mis) * value_bsdf * weight * T, 0)
-
-    def _from_lamps(self, si: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
-        """Light of splats by sampling the directions of lamps among them."""
-        assert self.lamps
-        d, pdf = self.lamps.sample(si.p, random.next_1d(), random.next_2d())
-        active = active & (pdf > 0)
-        ray = si.spawn_ray(d)
-        meeting = self.scene.ray_intersect_preliminary(ray, active=active)
-        ray.maxt = dr.select(meeting.is_valid(), meeting.t, dr.largest(mi.Float))
-        with dr.resume_grad(when=attached):
-            value, pdf_bsdf = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(d), active)
-            colors, T = self.tracer.gather(ray, active)
-            weight = dr.detach(mis_weight(pdf, pdf_bsdf)) * dr.select(active, dr.rcp(pdf), 0)
-            return dr.select(active, β * weight * value * spectrum_of(emitted(list(colors), T, self.linear)), 0)
 
 
 def _relative(value: Any) -> Any:

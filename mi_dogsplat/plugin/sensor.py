@@ -178,30 +178,41 @@ def _attached(camera: DeviceCamera, parameters: dict[str, Any], film_size: mi.Sc
     """
     if not dr.grad_enabled(parameters):
         return camera
-    to_world, (film_width, film_height) = parameters["to_world"].matrix, film_size
-
-    def follow(value, expression):
-        return value + (expression - dr.detach(expression))
-
+    to_world = parameters["to_world"].matrix
     local = dr.rcp(mi.Matrix3f([[to_world[r, c] for c in range(3)] for r in range(3)]))  # world to sensor
     rows = [[sign * local[r, c] for c in range(3)] for r, sign in enumerate((-1, -1, 1))]  # to OpenCV's axes
-    fx, fy, cx, cy, limits = camera.fx, camera.fy, camera.cx, camera.cy, camera.limits
     if camera.perspective:
-        focal = 0.5 * film_width / dr.tan(dr.deg2rad(0.5 * parameters["x_fov"]))
-        fx, fy = follow(fx, focal), follow(fy, focal)
-        if "principal_point_offset_x" in parameters:
-            cx = follow(cx, -film_width * parameters["principal_point_offset_x"])
-            cy = follow(cy, -film_height * parameters["principal_point_offset_y"])
-        left, right, top, bottom = limits  # each (±centre + a number of pixels) / focal length
-        limits = [
-            follow(limit, (limit * dr.detach(f) + sign * (c - dr.detach(c))) / f)
-            for limit, sign, f, c in ((left, 1, fx, cx), (right, -1, fx, cx), (top, 1, fy, cy), (bottom, -1, fy, cy))
-        ]
+        attached = _attached_pinhole(camera, parameters, film_size)
     else:
         norms = [dr.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2]) for row in rows]
-        fx, fy = follow(fx, 0.5 * film_width * norms[0]), follow(fy, 0.5 * film_width * norms[1])
+        pixels = 0.5 * film_size[0]
+        attached = replace(camera, fx=_follow(camera.fx, pixels * norms[0]), fy=_follow(camera.fy, pixels * norms[1]))
         rows = [[value / norm for value in row] for row, norm in zip(rows, norms, strict=True)]
-    rotation = [[follow(camera.rotation[r][c], rows[r][c]) for c in range(3)] for r in range(3)]
-    position = [follow(camera.position[r], to_world[r, 3]) for r in range(3)]
-    dr.make_opaque(rotation, position, fx, fy, cx, cy, limits)
-    return replace(camera, rotation=rotation, position=position, fx=fx, fy=fy, cx=cx, cy=cy, limits=limits)
+    rotation = [[_follow(camera.rotation[r][c], rows[r][c]) for c in range(3)] for r in range(3)]
+    position = [_follow(camera.position[r], to_world[r, 3]) for r in range(3)]
+    attached = replace(attached, rotation=rotation, position=position)
+    dr.make_opaque(rotation, position, attached.fx, attached.fy, attached.cx, attached.cy, attached.limits)
+    return attached
+
+
+def _attached_pinhole(
+    camera: DeviceCamera, parameters: dict[str, Any], film_size: mi.ScalarVector2u
+) -> DeviceCamera:
+    """The camera with derivatives by the field of view and the principal point."""
+    film_width, film_height = film_size
+    focal = 0.5 * film_width / dr.tan(dr.deg2rad(0.5 * parameters["x_fov"]))
+    fx, fy, cx, cy = _follow(camera.fx, focal), _follow(camera.fy, focal), camera.cx, camera.cy
+    if "principal_point_offset_x" in parameters:
+        cx = _follow(cx, -film_width * parameters["principal_point_offset_x"])
+        cy = _follow(cy, -film_height * parameters["principal_point_offset_y"])
+    left, right, top, bottom = camera.limits  # each (±centre + a number of pixels) / focal length
+    limits = [
+        _follow(limit, (limit * dr.detach(f) + sign * (c - dr.detach(c))) / f)
+        for limit, sign, f, c in ((left, 1, fx, cx), (right, -1, fx, cx), (top, 1, fy, cy), (bottom, -1, fy, cy))
+    ]
+    return replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, limits=limits)
+
+
+def _follow(value: Any, expression: Any) -> Any:
+    """``value`` with the derivative of an expression that is nearly equal."""
+    return value + (expression - dr.detach(expression))

@@ -97,11 +97,8 @@ def estimated(scene: Any, params: dict, max_depth: int, samples: int) -> ShadowR
     with dr.suspend_grad():
         params = dr.detach(params)
         n = dr.width(params["logit_opacities"])
-        center = mi.Point3f(rows(params["means"], 3, dr.arange(mi.UInt32, n)))
         axis = mi.Vector3f(shortest_axes(params))
-        usable = dr.all(dr.isfinite(center)) & dr.all(dr.isfinite(axis))
-        at = dr.zeros(mi.Interaction3f, n)
-        at.p, normal = dr.select(usable, center, 0), dr.select(usable, axis, mi.Vector3f(0, 0, 1))
+        at, normal = _usable(mi.Point3f(rows(params["means"], 3, dr.arange(mi.UInt32, n))), axis, n)
         sides = _Side(normal, n), _Side(-normal, n)
         sampler: Any = mi.load_dict({"type": "independent"})
         sampler.seed(SEED, n)
@@ -109,11 +106,7 @@ def estimated(scene: Any, params: dict, max_depth: int, samples: int) -> ShadowR
         for k in range(samples):
             place = start + mi.Point2f(*(dr.opaque(mi.Float, k * step % 1) for step in STEPS[:2]))
             sample, light = scene.sample_emitter_direction(at, place - dr.floor(place), False)
-            light = dr.select(sample.pdf > 0, light, 0)
-            if straight:
-                left = transmittance(scene, at, sample.p, sample.pdf > 0)
-            else:
-                left = dr.select(scene.ray_test(at.spawn_ray_to(sample.p)), 0, mi.Spectrum(1))
+            light, left = dr.select(sample.pdf > 0, light, 0), _left_by_surfaces(scene, at, sample, straight)
             for side in sides:
                 side.add_light(sample.d, light, left)
                 if bounces:
@@ -122,6 +115,21 @@ def estimated(scene: Any, params: dict, max_depth: int, samples: int) -> ShadowR
             dr.eval([(side.E, side.E0) for side in sides])
         front, back = (side.ratio() for side in sides)
         return ShadowRatios(list(axis), front, back)
+
+
+def _usable(center: Any, axis: Any, n: int) -> tuple[Any, Any]:
+    """(places of primitives as Mitsuba's interactions, their normals); any for one that is not finite."""
+    usable = dr.all(dr.isfinite(center)) & dr.all(dr.isfinite(axis))
+    at = dr.zeros(mi.Interaction3f, n)
+    at.p = dr.select(usable, center, 0)
+    return at, dr.select(usable, axis, mi.Vector3f(0, 0, 1))
+
+
+def _left_by_surfaces(scene: Any, at: Any, sample: Any, straight: bool) -> Any:
+    """Share of the light of a sampled emitter that surfaces let through, mi.Spectrum; ``straight``: some do in part."""
+    if straight:
+        return transmittance(scene, at, sample.p, sample.pdf > 0)
+    return dr.select(scene.ray_test(at.spawn_ray_to(sample.p)), 0, mi.Spectrum(1))
 
 
 class _Side:

@@ -171,17 +171,7 @@ class SplatIntegrator(ADIntegrator):
 
     def _passes(self, scene: mi.Scene, sensor: mi.Sensor, seed, spp: int) -> list[Sample]:
         refuse_freezing(self.name, "a render")
-        try:
-            spp = index(spp)
-        except TypeError:  # as in C++, which takes the integers of NumPy, too
-            raise RuntimeError(f"{self.name}: spp is {spp!r}, it must be a whole number") from None
-        if spp < 0:
-            raise RuntimeError(f"{self.name}: spp is {spp}, it must not be negative; 0 asks for that of the sampler")
-        if spp == 0:
-            averages = self.averages(scene) or sensor.needs_aperture_sample()
-            spp = sensor.sampler().sample_count() if averages else 1
-            if spp == 0:
-                raise RuntimeError(f'{self.name}: the "sample_count" of the sampler is 0; give it, or spp, 1 or more')
+        spp = self._samples_per_pixel(spp) or self._usual_samples_per_pixel(scene, sensor)
         if spp > MOST_PASSES:
             raise RuntimeError(f"{self.name}: spp is {spp}, it must be at most {MOST_PASSES}; average several renders")
         if spp > 1 and "index" in self.aovs:
@@ -190,6 +180,25 @@ class SplatIntegrator(ADIntegrator):
         if number < 0:
             raise RuntimeError(f"{self.name}: seed is {number}, it must not be negative")
         return samples(spp, number, self.first_pass)
+
+    def _samples_per_pixel(self, spp: Any) -> int:
+        """``spp`` as a render is given it; 0 asks for the usual number."""
+        try:
+            count = index(spp)
+        except TypeError:  # as in C++, which takes the integers of NumPy, too
+            raise RuntimeError(f"{self.name}: spp is {spp!r}, it must be a whole number") from None
+        if count < 0:
+            raise RuntimeError(f"{self.name}: spp is {count}, it must not be negative; 0 asks for that of the sampler")
+        return count
+
+    def _usual_samples_per_pixel(self, scene: mi.Scene, sensor: mi.Sensor) -> int:
+        """That of the sampler, where there is something to average."""
+        if not (self.averages(scene) or sensor.needs_aperture_sample()):
+            return 1
+        count = sensor.sampler().sample_count()
+        if count == 0:
+            raise RuntimeError(f'{self.name}: the "sample_count" of the sampler is 0; give it, or spp, 1 or more')
+        return count
 
     def _images(
         self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, passes: list[Sample], border: int = 0,

@@ -88,23 +88,14 @@ def lamps_of(params: dict, linear: bool) -> SplatLamps | None:
         linear: colours are linear, not sRGB.
     """
     with dr.suspend_grad():
-        n = dr.width(params["logit_opacities"])
-        if n == 0:
+        if dr.width(params["logit_opacities"]) == 0:
             return None
-        stored = dr.width(params["sh_coeffs"]) // n
-        index = dr.arange(mi.UInt32, n)
-        colors = [0.5 + C0 * dr.gather(mi.Float, params["sh_coeffs"], index * stored + c) for c in range(3)]
-        brightest = dr.maximum(dr.maximum(colors[0], colors[1]), colors[2]) + _brighter(params)
-        brightest = brightest if linear else srgb_to_linear([brightest])[0]
+        brightest = _brightest(params, linear)
         lamps: Any = dr.compress(brightest > BRIGHT)
         if not dr.width(lamps):
             return None
         means, scales = (np.array(rows(params[name], 3, lamps)).T for name in ("means", "log_scales"))
-        opacities = dr.rcp(1 + dr.exp(-dr.gather(mi.Float, params["logit_opacities"], lamps))).numpy()
-        radiance = dr.gather(mi.Float, brightest, lamps).numpy()
-    with np.errstate(over="ignore", invalid="ignore"):  # of scales beyond all numbers, which a broken training leaves
-        area = np.exp(np.sort(scales, 1)[:, 1:].sum(1))
-        power = np.nan_to_num(radiance * opacities * area, posinf=0)
+        power = _power(params, lamps, scales, brightest)
     best = np.argsort(-power, kind="stable")[:MOST]
     best = best[(power[best] > 0) & np.isfinite(means[best]).all(1)]
     if not len(best):
@@ -112,6 +103,24 @@ def lamps_of(params: dict, linear: bool) -> SplatLamps | None:
     center = [mi.Point3f(*(dr.opaque(mi.Float, float(x)) for x in means[k])) for k in best]
     radius = [dr.opaque(mi.Float, CONE * float(np.exp(scales[k].max()))) for k in best]
     return SplatLamps(center, radius, [dr.opaque(mi.Float, float(power[k])) for k in best])
+
+
+def _brightest(params: dict, linear: bool) -> Any:
+    """[N] linear radiance in the brightest channel."""
+    n = dr.width(params["logit_opacities"])
+    stored, index = dr.width(params["sh_coeffs"]) // n, dr.arange(mi.UInt32, n)
+    colors = [0.5 + C0 * dr.gather(mi.Float, params["sh_coeffs"], index * stored + c) for c in range(3)]
+    brightest = dr.maximum(dr.maximum(colors[0], colors[1]), colors[2]) + _brighter(params)
+    return brightest if linear else srgb_to_linear([brightest])[0]
+
+
+def _power(params: dict, lamps: Any, scales: np.ndarray, brightest: Any) -> np.ndarray:
+    """[L] of lamps: radiance times opacity times the area that the two longest axes span."""
+    opacities = dr.rcp(1 + dr.exp(-dr.gather(mi.Float, params["logit_opacities"], lamps))).numpy()
+    radiance = dr.gather(mi.Float, brightest, lamps).numpy()
+    with np.errstate(over="ignore", invalid="ignore"):  # of scales beyond all numbers, which a broken training leaves
+        area = np.exp(np.sort(scales, 1)[:, 1:].sum(1))
+        return np.nan_to_num(radiance * opacities * area, posinf=0)
 
 
 def _brighter(params: dict) -> Any:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .forward import MAX_ALPHA, MAX_T, MIN_T, depth_order, kernels, pixel_centres
+from .forward import MIN_T, depth_order, pixel_centres, walk
 from .projection import MIN_ALPHA, project
 from .quaternions import rotations
 
@@ -39,18 +39,13 @@ def aovs(
     order, (x, y) = depth_order(projection), pixel_centres(0, 0, camera.width, camera.height)
     weights, behind, T = np.zeros((len(order), len(x))), np.ones((len(order), len(x))), np.ones(len(x))
     blended, clear = np.zeros(weights.shape, bool), np.full(len(x), np.inf)
-    walking = np.ones(len(x), bool)
-    for row, i in enumerate(order):
-        G, G_p = kernels(projection, i, x, y)
-        alpha = np.minimum(MAX_ALPHA, G) - np.minimum(MAX_ALPHA, G_p)
-        clear = np.where(walking, np.minimum(clear, abs(abs(alpha) / MIN_ALPHA - 1)), clear)
-        alpha[np.abs(alpha) < MIN_ALPHA] = 0
-        T_next = T * (1 - (alpha if negative_transmittance else np.maximum(alpha, 0)))
-        clear = np.where(walking, np.minimum(clear, np.minimum(abs(T_next / MIN_T - 1), abs(T_next / 0.5 - 1))), clear)
-        walking &= (T_next >= MIN_T) & (T_next <= MAX_T)
-        weights[row], blended[row] = np.where(walking, alpha * T, 0), walking & (alpha != 0)
-        T = np.where(walking, T_next, T)
-        behind[row] = T
+    meetings = walk(projection, order, x, y, negative_transmittance=negative_transmittance)
+    for row, meeting in enumerate(meetings):
+        distances = [abs(meeting.difference) / MIN_ALPHA, meeting.T_past / MIN_T, meeting.T_past / 0.5]
+        nearest = np.min([abs(distance - 1) for distance in distances], axis=0)
+        clear = np.where(meeting.reached, np.minimum(clear, nearest), clear)
+        weights[row], blended[row] = meeting.weight, meeting.goes_on & (meeting.alpha != 0)
+        behind[row] = T = meeting.T_behind
 
     largest, following = np.sort(np.vstack([weights, np.zeros((2, len(x)))]), axis=0)[[-1, -2]]
     clear = np.where(largest > 0, np.minimum(clear, 1 - following / np.where(largest > 0, largest, 1)), clear)

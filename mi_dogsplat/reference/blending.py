@@ -108,24 +108,32 @@ class Blending:
     def __init__(self, projection: Projection, block: Block, negative_transmittance: bool, min_alpha: float,
                  min_transmittance: float, moved: float = 0.0):
         p, i = projection, block.splats
-        self.G = _gaussian(p.opacities[i], p.cov2d[i], p.conics[i], block.dx, block.dy)
         self.dog = np.flatnonzero(p.dog[i])  # [m] rows of the block
-        of_dog = i[self.dog]
+        self._evaluate_kernels(p, block)
+        self.colors = p.colors[i]  # [n, 3] at the centres
+        self.varying = np.flatnonzero((p.sloped | p.curved)[i])  # [m] rows of the block, whose colours vary over them
+        of_x, of_y = block.dx[self.varying, None, :], block.dy[self.varying, :, None]
+        self.offsets = np.stack(np.broadcast_arrays(of_x, of_y), -1)  # [m, h, w, 2]
+        self.slopes, self.curvatures = p.slopes[i[self.varying]], p.curvatures[i[self.varying]]  # [m, 3, 2], [m, 2, 2]
+        self._walk(negative_transmittance, min_alpha, min_transmittance, moved)
+
+    def _evaluate_kernels(self, p: Projection, block: Block) -> None:
+        """G, and G_p [m, h, w] of those that are DoG, with what cuts leave of them."""
+        i, of_dog = block.splats, block.splats[self.dog]
+        self.G = _gaussian(p.opacities[i], p.cov2d[i], p.conics[i], block.dx, block.dy)
         self.G_p = _gaussian(p.pseudo_opacities[of_dog], p.pseudo_cov2d[of_dog], p.pseudo_conics[of_dog],
-                             block.dx[self.dog], block.dy[self.dog])  # [m, h, w]
+                             block.dx[self.dog], block.dy[self.dog])
         self.cuts = [Cut(k, np.flatnonzero(cut[i]), p.cuts[k, i], block) for k, cut in enumerate(p.cut) if cut[i].any()]
         for cut in self.cuts:
             left = np.ones_like(self.G)
             left[cut.rows] = kept(cut.in_x + cut.in_y)
             self.G *= left
             self.G_p *= left[self.dog]
+
+    def _walk(self, negative_transmittance: bool, min_alpha: float, min_transmittance: float, moved: float) -> None:
+        """alpha, 0 of what is not `blended`, and T: in front of each primitive, and at the end."""
         alpha = np.minimum(MAX_ALPHA, self.G)
         alpha[self.dog] -= np.minimum(MAX_ALPHA, self.G_p)
-        self.colors = p.colors[block.splats]  # [n, 3] at the centres
-        self.varying = np.flatnonzero((p.sloped | p.curved)[i])  # [m] rows of the block, whose colours vary over them
-        of_x, of_y = block.dx[self.varying, None, :], block.dy[self.varying, :, None]
-        self.offsets = np.stack(np.broadcast_arrays(of_x, of_y), -1)  # [m, h, w, 2]
-        self.slopes, self.curvatures = p.slopes[i[self.varying]], p.curvatures[i[self.varying]]  # [m, 3, 2], [m, 2, 2]
         slack = moved * min_alpha + np.sign(moved) * KERNEL_UNITS * UNIT * self.operands() if moved else 0.0
         self.blended = np.abs(alpha) >= min_alpha + slack
         alpha[~self.blended] = 0
@@ -140,7 +148,7 @@ class Blending:
             alpha[ended] = 0
             self.blended &= ~ended
             behind = np.cumprod(1 - np.where(self.attenuates, alpha, 0), axis=0)
-        self.T = np.concatenate([np.ones_like(behind[:1]), behind[:-1]])  # in front of each primitive
+        self.T = np.concatenate([np.ones_like(behind[:1]), behind[:-1]])
         self.T_final = behind[-1]  # [h, w]
 
     def sum_of_colors(self, weights: np.ndarray, variations: np.ndarray) -> np.ndarray:

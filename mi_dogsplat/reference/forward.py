@@ -16,7 +16,8 @@ mean w there, (J W R S)^T Sigma'^-1 d. A cut multiplies both kernels by g of the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
@@ -112,28 +113,54 @@ def tiles(projection: Projection, width: int, height: int, tile_width: int = 16,
     return [np.array(indices, np.int64) for indices in lists]
 
 
-def _blend(projection: Projection, order: np.ndarray, x: np.ndarray, y: np.ndarray, features: np.ndarray | None,
-           negative_transmittance: bool, smooth: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Walk through `order` front to back at P points -> features [P, C], T [P], depth [P]; no background.
+@dataclass
+class Meeting:
+    """A primitive at P points, as a walk front to back comes to it; arrays are [P]."""
 
-    `features` [N, C] or, of None, the colours.
-    """
-    channels = 3 if features is None else features.shape[1]
-    out, T, depth = np.zeros((len(x), channels)), np.ones(len(x)), np.zeros(len(x))
-    walking = np.ones(len(x), bool)
+    splat: int
+    difference: np.ndarray  # G - G_p, each limited to .99
+    alpha: np.ndarray  # the same, 0 where it is ignored
+    T: np.ndarray  # in front of it
+    T_past: np.ndarray  # behind it, if the walk goes on
+    reached: np.ndarray  # bool, the walk had not ended before
+    goes_on: np.ndarray  # bool, it does not end here either: only then is the primitive blended
+
+    @property
+    def weight(self) -> np.ndarray:
+        """alpha T, 0 where the walk has ended."""
+        return np.where(self.goes_on, self.alpha * self.T, 0)
+
+    @property
+    def T_behind(self) -> np.ndarray:
+        """As the walk leaves it."""
+        return np.where(self.goes_on, self.T_past, self.T)
+
+
+def walk(projection: Projection, order: np.ndarray, x: np.ndarray, y: np.ndarray, *,
+         negative_transmittance: bool = True, smooth: bool = False) -> Iterator[Meeting]:
+    """Go through the primitives `order` at the points (x, y); options as in `composite`."""
+    T, going = np.ones(len(x)), np.ones(len(x), bool)
     for i in order:
         G, G_p = kernels(projection, i, x, y)
-        alpha = np.minimum(MAX_ALPHA, G) - np.minimum(MAX_ALPHA, G_p)
-        if not smooth:
-            alpha[np.abs(alpha) < MIN_ALPHA] = 0
-        T_next = T * (1 - (alpha if negative_transmittance else np.maximum(alpha, 0)))
-        walking &= T_next <= MAX_T
-        if not smooth:
-            walking &= T_next >= MIN_T
-        weight = np.where(walking, alpha * T, 0)
+        difference = np.minimum(MAX_ALPHA, G) - np.minimum(MAX_ALPHA, G_p)
+        alpha = difference if smooth else np.where(np.abs(difference) < MIN_ALPHA, 0, difference)
+        T_past = T * (1 - (alpha if negative_transmittance else np.maximum(alpha, 0)))
+        goes_on = going & (T_past <= MAX_T) & (smooth | (T_past >= MIN_T))
+        meeting = Meeting(i, difference, alpha, T, T_past, going, goes_on)
+        T, going = meeting.T_behind, goes_on
+        yield meeting
+
+
+def _blend(projection: Projection, order: np.ndarray, x: np.ndarray, y: np.ndarray, features: np.ndarray | None,
+           **options) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """P points -> features [P, C], T [P], depth [P]; no background. `features` [N, C] or, of None, the colours."""
+    channels = 3 if features is None else features.shape[1]
+    out, T, depth = np.zeros((len(x), channels)), np.ones(len(x)), np.zeros(len(x))
+    for meeting in walk(projection, order, x, y, **options):
+        i, weight = meeting.splat, meeting.weight
         out += weight[:, None] * (colors_at(projection, i, x, y) if features is None else features[i])
         depth += weight * projection.depths[i]
-        T = np.where(walking, T_next, T)
+        T = meeting.T_behind
     return out, T, depth
 
 
@@ -156,7 +183,8 @@ def composite(projection: Projection, tiles: Sequence[np.ndarray], width: int, h
     T, depth = np.empty((height, width)), np.empty((height, width))
     for (x0, y0, x1, y1), order in zip(boxes, tiles, strict=True):
         x, y = pixel_centres(x0, y0, x1, y1)
-        blended = _blend(projection, order, x, y, features, negative_transmittance, smooth)
+        blended = _blend(projection, order, x, y, features, negative_transmittance=negative_transmittance,
+                         smooth=smooth)
         for whole, part in zip((image, T, depth), blended, strict=True):
             whole[y0:y1, x0:x1] = part.reshape(y1 - y0, x1 - x0, *part.shape[1:])
     return image + T[..., None] * np.asarray(background, np.float64), T, depth

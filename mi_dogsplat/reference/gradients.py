@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .blending import Blending, blocks
+from .blending import Blending, Block, blocks
 from .forward import MAX_ALPHA, MIN_T
 from .project_gradients import ScreenAdjoints, project_backward
 from .projection import MIN_ALPHA, project
@@ -78,26 +78,35 @@ def gradients_tiled(splats: Splats, camera: Camera, adjoint: np.ndarray,
     for block in blocks(projection, camera, min_alpha):
         blend = Blending(projection, block, negative_transmittance, min_alpha, min_transmittance)
         δpixels = adjoint[block.pixels]  # [h, w, 3]
-        weights = blend.alpha * blend.T
-        δ.colors[block.splats] += np.tensordot(weights, δpixels, ((1, 2), (0, 1)))
-        if blend.varying.size:
-            varying, offsets = block.splats[blend.varying], blend.offsets.reshape(len(blend.varying), -1, 2)
-            weighted = weights[blend.varying].reshape(len(varying), -1, 1) * offsets  # [m, h w, 2]
-            δcolors = δpixels.reshape(-1, 3)
-            δ.color_slopes[varying] += δcolors.T @ weighted
-            δ.curvatures[varying] += offsets.swapaxes(1, 2) @ (weighted * δcolors.sum(-1, keepdims=True)) / 2
-        δalpha = blend.backward(blend.colors_times(δpixels), δpixels @ background)
-        δlog_G = np.where(blend.G < MAX_ALPHA, δalpha * blend.G, 0)
-        δ.moments[block.splats] += _moments(δlog_G, block.dx, block.dy)
-        if blend.dog.size:
-            δlog_G_p = np.where(blend.G_p < MAX_ALPHA, -δalpha[blend.dog] * blend.G_p, 0)
-            δ.pseudo_moments[block.splats[blend.dog]] += _moments(δlog_G_p, block.dx[blend.dog], block.dy[blend.dog])
-            δlog_G[blend.dog] += δlog_G_p  # both have the factors g
-        for cut in blend.cuts:
-            δalong = δlog_G[cut.rows] * cut.log_kept_slope()
-            of_cut = _moments(δalong, block.dx[cut.rows], block.dy[cut.rows])[:, :3]
-            δ.cut_moments[cut.plane, block.splats[cut.rows]] += of_cut
+        _add_colors(δ, block, blend, δpixels)
+        _add_kernels(δ, block, blend, blend.backward(blend.colors_times(δpixels), δpixels @ background))
     return project_backward(splats, camera, projection, δ, antialiased, sh_degree)
+
+
+def _add_colors(δ: ScreenAdjoints, block: Block, blend: Blending, δpixels: np.ndarray) -> None:
+    """What the pixels [h, w, 3] of a block say of the colours of its primitives, and of how these vary."""
+    weights = blend.alpha * blend.T
+    δ.colors[block.splats] += np.tensordot(weights, δpixels, ((1, 2), (0, 1)))
+    if blend.varying.size:
+        varying, offsets = block.splats[blend.varying], blend.offsets.reshape(len(blend.varying), -1, 2)
+        weighted = weights[blend.varying].reshape(len(varying), -1, 1) * offsets  # [m, h w, 2]
+        δcolors = δpixels.reshape(-1, 3)
+        δ.color_slopes[varying] += δcolors.T @ weighted
+        δ.curvatures[varying] += offsets.swapaxes(1, 2) @ (weighted * δcolors.sum(-1, keepdims=True)) / 2
+
+
+def _add_kernels(δ: ScreenAdjoints, block: Block, blend: Blending, δalpha: np.ndarray) -> None:
+    """What δalpha [n, h, w] says of the kernels of the primitives, and of cuts."""
+    δlog_G = np.where(blend.G < MAX_ALPHA, δalpha * blend.G, 0)
+    δ.moments[block.splats] += _moments(δlog_G, block.dx, block.dy)
+    if blend.dog.size:
+        δlog_G_p = np.where(blend.G_p < MAX_ALPHA, -δalpha[blend.dog] * blend.G_p, 0)
+        δ.pseudo_moments[block.splats[blend.dog]] += _moments(δlog_G_p, block.dx[blend.dog], block.dy[blend.dog])
+        δlog_G[blend.dog] += δlog_G_p  # both have the factors g
+    for cut in blend.cuts:
+        δalong = δlog_G[cut.rows] * cut.log_kept_slope()
+        of_cut = _moments(δalong, block.dx[cut.rows], block.dy[cut.rows])[:, :3]
+        δ.cut_moments[cut.plane, block.splats[cut.rows]] += of_cut
 
 
 def _moments(values: np.ndarray, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:

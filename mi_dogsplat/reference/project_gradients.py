@@ -22,6 +22,7 @@ import numpy as np
 from ..scene.row_groups import CURVATURES, PLANES, SHIFTS, SLOPES
 from .directions import directions
 from .forward import RAW_PARAMETERS
+from .linearised import Linearised
 from .mixed_sh import padded_sh, unpadded_sh
 from .own_axes import index_of, values_of
 from .own_axes_gradients import curvatures_backward, cuts_backward, own_axes_backward
@@ -78,7 +79,7 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, scr
     means, sh = raw["means"][seen], raw["sh_coeffs"][seen, :n_coeffs]
     δ["means"][seen], δ["sh_coeffs"][seen, :n_coeffs] = _colors_backward(means, sh, camera, δunclamped)
 
-    R, linear = rotations(raw["quats"][seen]), _Linearised(camera, seen_from(splats, camera)[seen])
+    R, linear = rotations(raw["quats"][seen]), Linearised(camera, seen_from(splats, camera)[seen])
     axes = _Axes(seen, linear.JW @ R, np.exp(raw["log_scales"][seen]))
     δmeans2d, _ = axes.add_kernel(seen, 1.0, p.cov2d, p.conics, screen.moments, antialiased)
     # what a pixel has of a colour that varies, and of a cut, depends on where the centre is
@@ -103,31 +104,6 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, scr
     δ["log_scales"][seen] = axes.δlog_scales
     δ["quats"][seen] = quats_backward(raw["quats"][seen], axes.δω)
     return δ | unpadded_sh(δ["sh_coeffs"], splats)
-
-
-class _Linearised:
-    """J W at centres [n, 3], as the camera sees them.
-
-    Both of its rows are focal / z (W_0 - tangent W_2), with x / z or y / z for the tangent, which is clamped to at most
-    15 % of an image outside.
-    """
-
-    def __init__(self, camera: Camera, centres: np.ndarray):
-        self.W, self.focal = camera.w2c[:3, :3], np.array([camera.fx, camera.fy])
-        principal, size = np.array([camera.cx, camera.cy]), np.array([camera.width, camera.height])
-        position = centres @ self.W.T + camera.w2c[:3, 3]
-        self.z, self.tangents = position[:, 2:], position[:, :2] / position[:, 2:]
-        low, high = -(principal + 0.15 * size) / self.focal, (1.15 * size - principal) / self.focal
-        self.inside = (self.tangents > low) & (self.tangents < high)
-        self.bases = self.W[:2] - np.clip(self.tangents, low, high)[:, :, None] * self.W[2]  # [n, 2, 3]
-        self.JW = (self.focal / self.z)[:, :, None] * self.bases
-
-    def backward(self, δmeans2d: np.ndarray, δJW: np.ndarray) -> np.ndarray:
-        """δcentres [n, 3], by way of means2d [n, 2] and of J W [n, 2, 3]."""
-        δfocal_by_z = (δJW * self.bases).sum(2)  # [n, 2]
-        δtangents = self.focal * (δmeans2d - np.where(self.inside, δJW @ self.W[2], 0) / self.z)
-        δz = -((δfocal_by_z * self.focal / self.z + δtangents * self.tangents) / self.z).sum(1, keepdims=True)
-        return np.concatenate([δtangents / self.z, δz], axis=1) @ self.W
 
 
 class _Axes:

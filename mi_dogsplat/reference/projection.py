@@ -9,6 +9,7 @@ import numpy as np
 
 from ..scene.row_groups import BESIDE_DOG, CURVATURES, PLANES, SLOPES
 from .directions import directions
+from .linearised import Linearised
 from .mixed_sh import padded_sh
 from .own_axes import arrays_of, index_of, largest_kept, no_steeper, quadratic_forms, values_of
 from .quaternions import rotations
@@ -76,19 +77,27 @@ def sigmoid(x: np.ndarray) -> np.ndarray:
     return np.exp(-np.logaddexp(0, -x))
 
 
-def _covariance(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """From A = J W R S [N, 2, 3]: Sigma' = A A^T + 0.3 I [N, 3], its inverse, the antialias factor [N].
+@dataclass
+class _Kernels:
+    """n kernels on the image plane, fields as in `Projection`."""
 
-    det A A^T is the squared length of the cross product of the rows of A (Lagrange): for needle-shaped
+    cov2d: np.ndarray
+    conics: np.ndarray
+    opacities: np.ndarray
+
+
+def _kernels(V: np.ndarray, opacities: np.ndarray, antialiased: bool) -> _Kernels:
+    """From V = J W R S [n, 2, 3]: Sigma' = V V^T + 0.3 I, its inverse, and the opacity with the antialias factor.
+
+    det V V^T is the squared length of the cross product of the rows of V (Lagrange): for needle-shaped
     primitives xx yy - xy^2 would cancel.
     """
-    xx, xy, yy = (A[:, 0] ** 2).sum(1), (A[:, 0] * A[:, 1]).sum(1), (A[:, 1] ** 2).sum(1)
-    det_raw = (np.cross(A[:, 0], A[:, 1]) ** 2).sum(1)
+    xx, xy, yy = (V[:, 0] ** 2).sum(1), (V[:, 0] * V[:, 1]).sum(1), (V[:, 1] ** 2).sum(1)
+    det_raw = (np.cross(V[:, 0], V[:, 1]) ** 2).sum(1)
     det = det_raw + LOW_PASS * (xx + yy) + LOW_PASS**2
     xx, yy = xx + LOW_PASS, yy + LOW_PASS
-    cov2d = np.stack([xx, xy, yy], axis=1)
-    conics = np.stack([yy, -xy, xx], axis=1) / det[:, None]
-    return cov2d, conics, np.sqrt(np.maximum(MIN_ANTIALIAS_RATIO, det_raw / det))
+    factor = np.sqrt(np.maximum(MIN_ANTIALIAS_RATIO, det_raw / det)) if antialiased else 1.0
+    return _Kernels(np.stack([xx, xy, yy], axis=1), np.stack([yy, -xy, xx], axis=1) / det[:, None], opacities * factor)
 
 
 def symmetric(rows: np.ndarray) -> np.ndarray:
@@ -137,14 +146,13 @@ def _finite_parameters(splats: Splats, sh: np.ndarray) -> np.ndarray:
     return finite
 
 
-def _own_axes_on_screen(splats: Splats, C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray,
-                        conics: np.ndarray) -> tuple[np.ndarray, ...]:
+def _own_axes_on_screen(splats: Splats, C: np.ndarray, scales: np.ndarray, kernels: _Kernels) -> dict[str, np.ndarray]:
     """`sloped`, `slopes`, `curved`, `curvatures`, `cut` and `cuts` of a `Projection`, from C = J W R [N, 2, 3]."""
     n = len(scales)
 
     def per_pixel(i: np.ndarray) -> np.ndarray:
         # [m, 2, 3] P = Sigma'^-1 V: at the offset d it is w = P^T d standard deviations away that primitives are seen
-        return conics_times_axes(C[i], scales[i] ** 2, cov2d[i], conics[i]) * scales[i, None, :]
+        return conics_times_axes(C[i], scales[i] ** 2, kernels.cov2d[i], kernels.conics[i]) * scales[i, None, :]
 
     sloped, slopes = np.zeros(n, bool), np.zeros((n, 3, 2))
     i = index_of(splats, SLOPES)
@@ -157,7 +165,7 @@ def _own_axes_on_screen(splats: Splats, C: np.ndarray, scales: np.ndarray, cov2d
     for k, plane in enumerate(PLANES):
         i = index_of(splats, plane)
         cuts[k, i], cut[k, i] = no_steeper(np.einsum("nij,nj->ni", per_pixel(i), values_of(splats, plane))), True
-    return sloped, slopes, curved, curvatures, cut, cuts
+    return {"sloped": sloped, "slopes": slopes, "curved": curved, "curvatures": curvatures, "cut": cut, "cuts": cuts}
 
 
 @np.errstate(all="ignore")  # what is not finite or not in front of the camera is computed, then discarded
@@ -167,52 +175,55 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
 
     Raises ValueError if `sh_degree` exceeds what the primitives have.
     """
-    means, sh = np.asarray(splats.means, np.float64), padded_sh(splats)
+    sh = _used_sh(splats, sh_degree)
     scales = np.exp(np.asarray(splats.log_scales, np.float64))
-    n, degree = len(means), int(np.sqrt(sh.shape[1])) - 1
-    if sh_degree is not None and sh_degree > degree:
-        raise ValueError(f"project: sh_degree is {sh_degree}, the splats have {degree}; ask for at most that")
-    degree = degree if sh_degree is None else sh_degree
-    W, t = camera.w2c[:3, :3], camera.w2c[:3, 3]
-
-    x, y, z = (seen_from(splats, camera) @ W.T + t).T
-    means2d = np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=1)
-    # Far outside the image the linearisation explodes: take J at most 15 % of an image outside.
-    margin_x, margin_y = 0.15 * camera.width, 0.15 * camera.height
-    cx, cy = camera.cx, camera.cy
-    u = np.clip(x / z, -(cx + margin_x) / camera.fx, (camera.width - cx + margin_x) / camera.fx)
-    v = np.clip(y / z, -(cy + margin_y) / camera.fy, (camera.height - cy + margin_y) / camera.fy)
-    J = np.zeros((n, 2, 3))
-    J[:, 0, 0], J[:, 0, 2] = camera.fx / z, -camera.fx * u / z
-    J[:, 1, 1], J[:, 1, 2] = camera.fy / z, -camera.fy * v / z
-    JWR = J @ W @ rotations(np.asarray(splats.quats, np.float64))  # [N, 2, 3]
-
-    cov2d, conics, factor = _covariance(JWR * scales[:, None, :])
-    raw_opacities = sigmoid(np.asarray(splats.logit_opacities, np.float64))
-    opacities = raw_opacities * factor if antialiased else raw_opacities
-
-    dog, pseudo_opacities = np.zeros(n, bool), np.zeros(n)
-    pseudo_cov2d, pseudo_conics = np.zeros((n, 3)), np.zeros((n, 3))
-    i = np.asarray(splats.dog_index, np.int64)  # [M]
-    f_a = sigmoid(np.asarray(splats.dog_logit_opacities, np.float64))  # [M]
-    F = np.exp(np.asarray(splats.dog_log_scales, np.float64))  # [M, 3]
-    pseudo_cov2d[i], pseudo_conics[i], pseudo_factor = _covariance(JWR[i] * (F * scales[i])[:, None, :])
-    pseudo_opacities[i] = f_a * raw_opacities[i] * (pseudo_factor if antialiased else 1)
-    dog[i] = True
-
-    dirs, _ = directions(means + W.T @ t)  # from the camera centre -W^T t, world space
-    basis = sh_basis(dirs, degree)  # [N, K]
-    sh = sh[:, :basis.shape[1]]
-    colors = np.maximum(0, np.einsum("nk,nkc->nc", basis, sh) + 0.5)
-
-    sloped, slopes, curved, curvatures, cut, cuts = _own_axes_on_screen(splats, JWR, scales, cov2d, conics)
-    largest = largest_kept(cut)
-    extents = np.maximum(_extents(cov2d, opacities * largest), _extents(pseudo_cov2d, pseudo_opacities * largest))
-    rows = [means2d, z, cov2d, conics, opacities, colors, slopes, curvatures, *cuts, pseudo_cov2d, pseudo_conics,
-            pseudo_opacities, extents]
-    visible = (z > near_clip) & _finite_rows(*rows) & _finite_parameters(splats, sh)
+    linear = Linearised(camera, seen_from(splats, camera))
+    C = linear.JW @ rotations(np.asarray(splats.quats, np.float64))  # [N, 2, 3]
+    opacities = sigmoid(np.asarray(splats.logit_opacities, np.float64))
+    kernels = _kernels(C * scales[:, None, :], opacities, antialiased)
+    dog, pseudo = _pseudo_kernels(splats, C, scales, opacities, antialiased)
+    own_axes = _own_axes_on_screen(splats, C, scales, kernels)
+    largest = largest_kept(own_axes["cut"])
+    values = {
+        "means2d": linear.means2d, "depths": linear.z[:, 0],
+        "cov2d": kernels.cov2d, "conics": kernels.conics, "opacities": kernels.opacities,
+        "colors": _colors(splats, camera, sh), **own_axes,
+        "dog": dog, "pseudo_cov2d": pseudo.cov2d, "pseudo_conics": pseudo.conics, "pseudo_opacities": pseudo.opacities,
+        "extents": np.maximum(*(_extents(of.cov2d, of.opacities * largest) for of in (kernels, pseudo))),
+    }  # fmt: skip
+    of_planes = "cut", "cuts"
+    rows = [row for name, value in values.items() for row in (value if name in of_planes else [value])]  # [N, ...]
+    visible = (values["depths"] > near_clip) & _finite_rows(*rows) & _finite_parameters(splats, sh)
     for row in rows:
         row[~visible] = 0
-    return Projection(visible, means2d, z, cov2d, conics, opacities, colors, sloped & visible, slopes,
-                      curved & visible, curvatures, cut & visible, cuts, dog & visible, pseudo_cov2d, pseudo_conics,
-                      pseudo_opacities, extents)
+    return Projection(visible, **values)
+
+
+def _used_sh(splats: Splats, sh_degree: int | None) -> np.ndarray:
+    """[N, K, 3] the coefficients that are evaluated. Raises ValueError, see `project`."""
+    sh = padded_sh(splats)
+    degree = int(np.sqrt(sh.shape[1])) - 1
+    if sh_degree is not None and sh_degree > degree:
+        raise ValueError(f"project: sh_degree is {sh_degree}, the splats have {degree}; ask for at most that")
+    return sh if sh_degree is None else sh[:, :(sh_degree + 1) ** 2]
+
+
+def _colors(splats: Splats, camera: Camera, sh: np.ndarray) -> np.ndarray:
+    """[N, 3] at the centres, in the direction from the camera to where they are stored."""
+    W, t = camera.w2c[:3, :3], camera.w2c[:3, 3]
+    dirs, _ = directions(np.asarray(splats.means, np.float64) + W.T @ t)  # from the camera centre -W^T t, world space
+    basis = sh_basis(dirs, int(np.sqrt(sh.shape[1])) - 1)  # [N, K]
+    return np.maximum(0, np.einsum("nk,nkc->nc", basis, sh) + 0.5)
+
+
+def _pseudo_kernels(splats: Splats, C: np.ndarray, scales: np.ndarray, opacities: np.ndarray,
+                    antialiased: bool) -> tuple[np.ndarray, _Kernels]:
+    """([N] which primitives are DoG, their pseudo-Gaussians, zero elsewhere)."""
+    n, i = len(scales), np.asarray(splats.dog_index, np.int64)  # [M]
+    f_a = sigmoid(np.asarray(splats.dog_logit_opacities, np.float64))  # [M]
+    F = np.exp(np.asarray(splats.dog_log_scales, np.float64))  # [M, 3]
+    of_dog = _kernels(C[i] * (F * scales[i])[:, None, :], f_a * opacities[i], antialiased)
+    dog, pseudo = np.zeros(n, bool), _Kernels(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
+    dog[i] = True
+    pseudo.cov2d[i], pseudo.conics[i], pseudo.opacities[i] = of_dog.cov2d, of_dog.conics, of_dog.opacities
+    return dog, pseudo

@@ -42,44 +42,74 @@ class RayMeetings:
     colors: np.ndarray  # [P, N, 3] in the direction of the ray, and at its point
 
 
+@dataclass
+class _Kernels:
+    """Either kernels of the primitives `index` [n], be it all."""
+
+    index: np.ndarray | slice
+    scales: np.ndarray  # [n, 3]
+    opacities: np.ndarray  # [n]
+
+    def values(self, o: np.ndarray, d: np.ndarray, left: np.ndarray) -> np.ndarray:
+        """[P, n] on rays [P, N, 3] in the frames of the primitives, with what cuts leave [P, N], limited to .99."""
+        largest, _ = _largest(o[:, self.index] / self.scales, d[:, self.index] / self.scales)
+        return np.minimum(MAX_ALPHA, self.opacities * largest * left[:, self.index])
+
+    def semi_axes(self, largest_left: np.ndarray, cutoff: float) -> np.ndarray:
+        """[n, 3] of the ellipsoid in which they are above the cutoff, however much cuts leave of them, [N]."""
+        return _radius(self.opacities * largest_left[self.index], cutoff)[:, None] * self.scales
+
+
 def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.ndarray | float = np.inf, *,
          sh_degree: int | None = None, smooth: bool = False) -> RayMeetings:
     """All primitives on rays [P, 3] (directions of any length), between 0 and `maxt` [P]; `smooth`: no cutoffs."""
     cutoff = SMOOTH_ALPHA if smooth else MIN_ALPHA
-    scales = np.exp(np.asarray(splats.log_scales, np.float64))  # [N, 3]
-    opacities = sigmoid(np.asarray(splats.logit_opacities, np.float64))
-    R = rotations(np.asarray(splats.quats, np.float64))
-    directions = np.asarray(directions, np.float64)
+    R, directions = rotations(np.asarray(splats.quats, np.float64)), np.asarray(directions, np.float64)
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     away = np.asarray(origins, np.float64)[:, None] - seen_along(splats, unit)
     o = np.einsum("nij,pni->pnj", R, away)  # [P, N, 3] in the frames of the primitives
     d = np.einsum("nij,pi->pnj", R, directions)
+    primary, pseudo = _both_kernels(splats)
+    _, at = _largest(o / primary.scales, d / primary.scales)
+    w = (o + at[..., None] * d) / primary.scales  # [P, N, 3]
+    left, largest_left = _left_by_cuts(splats, w)
 
-    largest, at = _largest(o / scales, d / scales)
-    w = (o + at[..., None] * d) / scales  # [P, N, 3]
-    left, cut = np.ones(largest.shape), np.zeros((len(PLANES), len(scales)), bool)
+    alphas = primary.values(o, d, left)
+    alphas[:, pseudo.index] -= pseudo.values(o, d, left)
+    axes = primary.semi_axes(largest_left, cutoff)
+    axes[pseudo.index] = np.maximum(axes[pseudo.index], pseudo.semi_axes(largest_left, cutoff))
+    drawn = primary.opacities * largest_left > cutoff
+    axes[~drawn] = 1
+    _, places = _largest(o / axes, d / axes)
+    inside = (places > 0) & (places < np.broadcast_to(maxt, len(alphas))[:, None]) & drawn
+    alphas[~inside] = 0
+    if not smooth:
+        alphas[np.abs(alphas) < MIN_ALPHA] = 0
+    return RayMeetings(places, alphas, _colors(splats, unit, w, sh_degree))
+
+
+def _both_kernels(splats: Splats) -> tuple[_Kernels, _Kernels]:
+    """Of all primitives the primary, of those that are DoG the pseudo-Gaussian."""
+    scales = np.exp(np.asarray(splats.log_scales, np.float64))
+    opacities = sigmoid(np.asarray(splats.logit_opacities, np.float64))
+    i = np.asarray(splats.dog_index, np.int64)
+    F = np.exp(np.asarray(splats.dog_log_scales, np.float64)).reshape(-1, 3)
+    f_a = sigmoid(np.asarray(splats.dog_logit_opacities, np.float64))
+    return _Kernels(slice(None), scales, opacities), _Kernels(i, F * scales[i], opacities[i] * f_a)
+
+
+def _left_by_cuts(splats: Splats, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What cuts leave of kernels: (at the points w [P, N, 3] of their primitives, [P, N]; at most, [N])."""
+    left, cut = np.ones(w.shape[:2]), np.zeros((len(PLANES), w.shape[1]), bool)
     for of_plane, plane in zip(cut, PLANES, strict=True):
         i = index_of(splats, plane)
         left[:, i] *= kept((w[:, i] * values_of(splats, plane)).sum(-1))
         of_plane[i] = True
+    return left, largest_kept(cut)
 
-    alphas = np.minimum(MAX_ALPHA, opacities * largest * left)
-    at_most = opacities * largest_kept(cut)
-    axes = _radius(at_most, cutoff)[:, None] * scales
-    i = np.asarray(splats.dog_index, np.int64)
-    if len(i):
-        factors = np.exp(np.asarray(splats.dog_log_scales, np.float64)) * scales[i]
-        pseudo = opacities[i] * sigmoid(np.asarray(splats.dog_logit_opacities, np.float64))
-        of_pseudo = pseudo * _largest(o[:, i] / factors, d[:, i] / factors)[0]
-        alphas[:, i] -= np.minimum(MAX_ALPHA, of_pseudo * left[:, i])
-        axes[i] = np.maximum(axes[i], _radius(pseudo * largest_kept(cut[:, i]), cutoff)[:, None] * factors)
-    axes[at_most <= cutoff] = 1  # not drawn
-    places = _largest(o / axes, d / axes)[1]
-    inside = (places > 0) & (places < np.broadcast_to(maxt, len(alphas))[:, None]) & (at_most > cutoff)
-    alphas[~inside] = 0
-    if not smooth:
-        alphas[np.abs(alphas) < MIN_ALPHA] = 0
 
+def _colors(splats: Splats, unit: np.ndarray, w: np.ndarray, sh_degree: int | None) -> np.ndarray:
+    """[P, N, 3] in the directions of the rays, at the points w [P, N, 3] of the primitives."""
     sh = padded_sh(splats)
     basis = sh_basis(unit, int(np.sqrt(sh.shape[1])) - 1 if sh_degree is None else sh_degree)
     colors = np.maximum(np.einsum("pk,nkc->pnc", basis, sh[:, : basis.shape[1]]) + 0.5, 0)
@@ -88,7 +118,7 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
     colors[:, i] += np.einsum("psa,sab,psb->ps", w[:, i], Q, w[:, i])[..., None] / 2
     i = index_of(splats, SLOPES)
     colors[:, i] += np.einsum("psa,sac->psc", w[:, i], values_of(splats, SLOPES))
-    return RayMeetings(places, alphas, colors)
+    return colors
 
 
 def _radius(opacities: np.ndarray, cutoff: float) -> np.ndarray:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .forward import MAX_ALPHA, MIN_T, colors_at, depth_order, kernels, pixel_centres, render
-from .projection import MIN_ALPHA, Projection, project
+from .forward import colors_at, depth_order, pixel_centres, render, walk
+from .projection import project
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -39,9 +39,11 @@ def footprints(
     ends of the walks, stay.
     """
     projection = project(splats, camera, **options)
-    alphas, order = _blended_alphas(projection, camera, negative_transmittance), depth_order(projection)
-    result = np.zeros((len(projection.depths), camera.height * camera.width))
-    shown, (x, y) = np.ones((alphas.shape[1], 3)), pixel_centres(0, 0, camera.width, camera.height)
+    order, (x, y) = depth_order(projection), pixel_centres(0, 0, camera.width, camera.height)
+    alphas, result = np.zeros((2, len(projection.depths), len(x)))
+    for meeting in walk(projection, order, x, y, negative_transmittance=negative_transmittance):
+        alphas[meeting.splat] = np.where(meeting.goes_on, meeting.alpha, 0)
+    shown = np.ones((len(x), 3))
     colors = {j: colors_at(projection, j, x, y) for j in order}  # for all of the images
 
     def image(i: int, alpha: np.ndarray) -> np.ndarray:
@@ -70,27 +72,12 @@ def footprints(
 
 def weights(splats: Splats, camera: Camera, **options) -> tuple[np.ndarray, np.ndarray]:
     """(alpha_i T_i, T_i) where primitive i is blended, else 0; images [N, H, W] each; `options` go to `project`."""
-    projection = project(splats, camera, **options)
-    alphas, T = _blended_alphas(projection, camera, True), np.ones(camera.height * camera.width)
-    weight, transmittance = np.zeros_like(alphas), np.zeros_like(alphas)
-    for i in depth_order(projection):
-        weight[i], transmittance[i] = alphas[i] * T, np.where(alphas[i] != 0, T, 0)
-        T = T * (1 - alphas[i])
+    projection, (x, y) = project(splats, camera, **options), pixel_centres(0, 0, camera.width, camera.height)
+    weight, transmittance = np.zeros((2, len(projection.depths), len(x)))
+    for meeting in walk(projection, depth_order(projection), x, y):
+        weight[meeting.splat] = meeting.weight
+        transmittance[meeting.splat] = np.where(meeting.goes_on & (meeting.alpha != 0), meeting.T, 0)
     return tuple(x.reshape(-1, camera.height, camera.width) for x in (weight, transmittance))  # type: ignore[return-value]
-
-
-def _blended_alphas(projection: Projection, camera: Camera, negative_transmittance: bool) -> np.ndarray:
-    """[N, H*W], 0 where a primitive is too faint or the walk has ended."""
-    x, y = pixel_centres(0, 0, camera.width, camera.height)
-    alphas, T, walking = np.zeros((len(projection.depths), len(x))), np.ones(len(x)), np.ones(len(x), bool)
-    for i in depth_order(projection):
-        G, G_p = kernels(projection, i, x, y)
-        alpha = np.minimum(MAX_ALPHA, G) - np.minimum(MAX_ALPHA, G_p)
-        alpha[np.abs(alpha) < MIN_ALPHA] = 0
-        T_next = T * (1 - (alpha if negative_transmittance else np.maximum(alpha, 0)))
-        walking &= T_next >= MIN_T
-        alphas[i], T = np.where(walking, alpha, 0), np.where(walking, T_next, T)
-    return alphas
 
 
 def removals(

@@ -9,7 +9,7 @@ from typing import Any
 import drjit as dr
 
 from ..training.events import DogActivated, Event, Pruned, row_of
-from ..training.presets import GIVEN
+from ..training.given_rows import GIVEN
 from ..training.train import Trainer
 
 

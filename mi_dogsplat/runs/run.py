@@ -22,7 +22,7 @@ from ..support.locks import locked
 from ..support.variants import require_arrays
 from ..training.config import TrainConfig
 from ..training.initialize import model_to_prune
-from ..training.presets import Recipe
+from ..training.recipe import Recipe
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints
 from .finish import finish

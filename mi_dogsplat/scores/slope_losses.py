@@ -27,7 +27,8 @@ import numpy as np
 from ..engine.arrays import array_types
 from ..engine.curvatures import ROW
 from ..engine.parameters import device_array
-from ..engine.project import LOG2_E, Projection, project
+from ..engine.project import Projection, project
+from ..engine.screen_kernels import LOG2_E
 from ..scene.curvatures import mean_brightness
 from .squared_weights import squared_weights
 from .training_views import TrainingViews

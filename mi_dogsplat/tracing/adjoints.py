@@ -18,8 +18,8 @@ from ..engine.arrays import array_types
 from ..engine.cuts import ROW as NORMAL
 from ..engine.cuts import by_plane
 from ..engine.geometry import MAX_ALPHA
-from ..engine.project import LN2
 from ..engine.rows import read_row
+from ..engine.screen_kernels import LN2
 from .kernels import Kernel, RayMeeting
 from .own_axes import moved, pulled
 from .row_tables import columns_of, table, wide

@@ -16,7 +16,7 @@ import drjit as dr
 
 from ..engine.arrays import array_types, detached
 from ..engine.cuts import LOG2_LARGEST
-from ..engine.project import NO_ROW
+from ..engine.rows import NO_ROW
 from .primitives import Primitives
 
 SLACK = 1e-5  # of a box, against the rounding of what is met in it

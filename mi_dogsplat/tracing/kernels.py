@@ -23,8 +23,7 @@ import drjit as dr
 
 from ..engine.arrays import array_types
 from ..engine.geometry import MAX_ALPHA, Cutoffs
-from ..engine.project import NO_ROW
-from ..engine.rows import read_row
+from ..engine.rows import NO_ROW, read_row
 from .own_axes import Cut, OwnPoint, read_own_axes
 from .shifts import Shift, moved_by, read_shift
 from .tree import PSEUDO_ROW, ROW, Tree

@@ -21,8 +21,7 @@ import drjit as dr
 
 from ..engine.arrays import array_types
 from ..engine.cuts import END, LEVEL, WHOLE
-from ..engine.project import NO_ROW
-from ..engine.rows import read_row
+from ..engine.rows import NO_ROW, read_row
 from .primitives import PER_DEVIATION
 from .row_tables import Row
 from .tree import CUT_ROW, NONE, Tree

@@ -20,8 +20,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, softplus
-from ..engine.rows import read_rows, rows
+from ..engine.activations import all_finite, rotation_matrix, softplus
+from ..engine.rows import NO_ROW, read_rows, rows
+from ..engine.screen_kernels import LOG2_E
 from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups, require_group, sh_columns
 from ..engine.shifts import ROW as SHIFT_SIZE
 from ..engine.shifts import VIEW_ROW, shift

@@ -8,8 +8,7 @@ from typing import Any
 import drjit as dr
 
 from ..engine.arrays import array_types, detached
-from ..engine.project import NO_ROW
-from ..engine.rows import read_row
+from ..engine.rows import NO_ROW, read_row
 
 
 @dataclass

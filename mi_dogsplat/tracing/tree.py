@@ -17,7 +17,7 @@ import drjit as dr
 from ..engine.arrays import array_types, constant, detached
 from ..engine.cuts import ROW as NORMAL
 from ..engine.cuts import by_plane
-from ..engine.project import NO_ROW
+from ..engine.rows import NO_ROW
 from .bounds import bounds_of
 from .primitives import Primitives
 from .row_tables import RowTable

@@ -70,37 +70,46 @@ def fit(
     cameras'.
     """
     drawn = look.drawn
-    views = _views(cameras, pictures, drawn.white if drawn.linear else None)
-    dataset = Dataset(Path(), views, [], *no_points(), has_alpha=False)
-    groups = [group for group in BESIDE_COLORS if len(getattr(splats, group.index))]
-    memory = budget(None, dataset, splats.sh_degree, groups=groups)
-    keep_targets = memory is None or memory.keep_targets
-    shown = Photographs(dataset, look.background, drawn.near_clip, keep_targets=keep_targets)
-    start = in_units_of_white(splats, drawn)
-    optimizer = SplatOptimizer(start, LearningRates(camera_extent(views), steps, refinement=gains), shown.curve)
+    shown = _photographs(splats, _views(cameras, pictures, drawn.white if drawn.linear else None), look)
+    rates = LearningRates(camera_extent(shown.originals), steps, refinement=gains)
+    optimizer = SplatOptimizer(in_units_of_white(splats, drawn), rates, shown.curve)
     options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawn.antialiased)
-    order: list[int] = []
-    rng = np.random.default_rng(seed)
     coding = Coding()
     if quantiser:
         optimizer.followers.append(lambda index, fresh: coding.rearrange(index))
+    order: list[int] = []
+    rng = np.random.default_rng(seed)
     for step in range(steps):
         optimizer.schedule(step)
-        order = order or rng.permutation(len(views)).tolist()
-        view = order.pop()
+        order = order or rng.permutation(len(shown)).tolist()
         params = optimizer.params
         if quantiser:
             quantiser.before_step(coding, optimizer, shown.cameras, options, step, steps)
             params = quantiser.params(coding, optimizer.params, optimizer.bands)
-        planes = shown.over_background(rasterize(params, shown.cameras[view], options))
-        _, loss, gradient = shown.compare(planes, view, step)
-        backward(planes, [mi.Float(δ) for δ in gradient])
+        loss = _learn_from(order.pop(), shown, params, options, step)
         optimizer.step()
         if after_step:
             after_step(step + 1, float(loss[0]))
     if quantiser:
         quantiser.settle(coding, optimizer)
     return from_units_of_white(optimizer.to_splats(), drawn)
+
+
+def _learn_from(view: int, shown: Photographs, params: dict, options: RasterOptions, step: int) -> mi.Float:
+    """Render, loss, backward; returns the loss."""
+    planes = shown.over_background(rasterize(params, shown.cameras[view], options))
+    _, loss, gradient = shown.compare(planes, view, step)
+    backward(planes, [mi.Float(δ) for δ in gradient])
+    return loss
+
+
+def _photographs(splats: Splats, views: list[View], look: Look) -> Photographs:
+    """The pictures as the loss sees them, as many of them prepared as there is memory for beside the model."""
+    dataset = Dataset(Path(), views, [], *no_points(), has_alpha=False)
+    groups = [group for group in BESIDE_COLORS if len(getattr(splats, group.index))]
+    memory = budget(None, dataset, splats.sh_degree, groups=groups)
+    keep_targets = memory is None or memory.keep_targets
+    return Photographs(dataset, look.background, look.drawn.near_clip, keep_targets=keep_targets)
 
 
 def _views(cameras: Sequence[Camera], pictures: Sequence[Array], white: float | None) -> list[View]:

@@ -50,12 +50,7 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
         raise ValueError(f"splats_from_points: {shapes}; both need shape [P, 3]")
     finite = np.isfinite(points).all(1) & np.isfinite(colors).all(1)
     points, colors = points[finite], colors[finite]
-    n = len(points)
-    scales = np.full(n, 1.0)
-    if n > 1:
-        squared = np.mean(_neighbour_distances(points) ** 2, axis=1)  # [P]
-        least = MIN_SHARE * float(np.median(squared)) or MIN_SQUARED_DISTANCE
-        scales = np.sqrt(np.maximum(squared, min(least, MIN_SQUARED_DISTANCE)))
+    n, scales = len(points), _scales(points)
     sh_coeffs = np.zeros((n, (sh_degree + 1) ** 2, 3))
     sh_coeffs[:, 0] = (colors - 0.5) / C0
     return Splats(
@@ -65,6 +60,15 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
         logit_opacities=np.full(n, np.log(INITIAL_OPACITY / (1 - INITIAL_OPACITY))),
         sh_coeffs=sh_coeffs,
     )
+
+
+def _scales(points: np.ndarray) -> np.ndarray:
+    """[P] as ``splats_from_points`` has them."""
+    if len(points) < 2:
+        return np.full(len(points), 1.0)
+    squared = np.mean(_neighbour_distances(points) ** 2, axis=1)  # [P]
+    least = MIN_SHARE * float(np.median(squared)) or MIN_SQUARED_DISTANCE
+    return np.sqrt(np.maximum(squared, min(least, MIN_SQUARED_DISTANCE)))
 
 
 def _neighbour_distances(points: np.ndarray) -> np.ndarray:
@@ -114,17 +118,23 @@ def random_splats(
     """
     centre, half = region_of_interest(cameras)
     candidates = centre + half * rng.uniform(-1, 1, (8 * count, 3))
-    votes = np.zeros(len(candidates), int)
-    for i in np.unique(np.linspace(0, len(cameras) - 1, MAX_CAMERAS).astype(int)):
-        camera = cameras[i]
-        pixels, depth = camera.project(candidates)
-        with np.errstate(invalid="ignore"):
-            inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(1)
-        votes += inside & (depth > 0.01 * half)
+    votes = _times_seen(candidates, cameras, 0.01 * half)
     capped = np.minimum(votes, (votes.max(initial=0) + 1) // 2)
     chosen = candidates[np.argsort(-capped, kind="stable")[:count]]  # equal votes keep their random order
     colors = rng.uniform(0.4, 0.6, (count, 3))
     return splats_from_points(chosen, srgb_to_linear(colors) if linear else colors, sh_degree)
+
+
+def _times_seen(points: np.ndarray, cameras: Sequence[Camera], nearest: float) -> np.ndarray:
+    """[P] how many cameras, of some of them, see a point, beyond a depth."""
+    votes = np.zeros(len(points), int)
+    for i in np.unique(np.linspace(0, len(cameras) - 1, MAX_CAMERAS).astype(int)):
+        camera = cameras[i]
+        pixels, depth = camera.project(points)
+        with np.errstate(invalid="ignore"):
+            inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(1)
+        votes += inside & (depth > nearest)
+    return votes
 
 
 def model_to_prune(path: str, target: float | str, format: str = "ply") -> Model:
@@ -145,16 +155,29 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Model
     if splats.n_splats < 2:
         raise DataError(path, f"holds {counted(splats.n_splats, 'primitive')}", "pruning needs at least 2")
     try:
-        if (most := target_bytes(target)) is None:
-            target_count(float(target), splats.n_splats)
-        elif (size := (kind := FileKind(format)).size(kind.foreseen(splats))) <= most:
-            raise ValueError(f"{target} is not below the {file_size(size)} that the model takes as {format}")
+        _require_less(target, splats, format)
     except ValueError as error:
         raise DataError("--target", str(error), f"choose another one for {path}") from None
-    length = np.linalg.norm(splats.quats.astype(np.float64), axis=1, keepdims=True)
+    return replace(model, splats=replace(splats, quats=_unit_quats(splats.quats)))
+
+
+def _require_less(target: float | str, splats: Splats, format: str) -> None:
+    """Raise ``ValueError`` unless the target is less than what there is, in primitives or in bytes."""
+    most = target_bytes(target)
+    if most is None:
+        target_count(float(target), splats.n_splats)
+        return
+    kind = FileKind(format)
+    size = kind.size(kind.foreseen(splats))
+    if size <= most:
+        raise ValueError(f"{target} is not below the {file_size(size)} that the model takes as {format}")
+
+
+def _unit_quats(quats: np.ndarray) -> np.ndarray:
+    """[N, 4] of length 1, where they have a length."""
+    length = np.linalg.norm(quats.astype(np.float64), axis=1, keepdims=True)
     usable = np.isfinite(length) & (length > 0)
-    splats = replace(splats, quats=np.where(usable, splats.quats / np.where(usable, length, 1), splats.quats))
-    return replace(model, splats=splats)
+    return np.where(usable, quats / np.where(usable, length, 1), quats)
 
 
 def _require_same_colors(path: str, model: Model, linear: bool) -> None:
@@ -177,12 +200,16 @@ def initial_splats(config: TrainConfig, dataset: Dataset, limit: int | None, mod
         _require_same_colors(config.model, model, linear)
         return model.splats if dataset.white is None else brightened(model.splats, 1 / dataset.white)
     if len(dataset.points):
-        colors = point_radiance(dataset) if linear else dataset.point_colors
-        splats = splats_from_points(dataset.points, colors, config.sh_degree)
-        if limit is not None and splats.n_splats > limit:
-            keep = np.random.default_rng(config.seed).permutation(splats.n_splats)[:limit]
-            splats = splats.select(np.sort(keep))
-        return splats
+        return _splats_of_points(config, dataset, limit)
     count = min(config.initial_primitives, limit or config.initial_primitives)
     rng = np.random.default_rng(config.seed)
     return random_splats([view.camera for view in dataset.train], count, rng, config.sh_degree, linear)
+
+
+def _splats_of_points(config: TrainConfig, dataset: Dataset, limit: int | None) -> Splats:
+    colors = dataset.point_colors if dataset.white is None else point_radiance(dataset)
+    splats = splats_from_points(dataset.points, colors, config.sh_degree)
+    if limit is None or splats.n_splats <= limit:
+        return splats
+    keep = np.random.default_rng(config.seed).permutation(splats.n_splats)[:limit]
+    return splats.select(np.sort(keep))

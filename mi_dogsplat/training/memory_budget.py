@@ -153,29 +153,37 @@ def budget(
     on_gpu = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     base = 0.0 if on_gpu else BASE
     pictures = 0 if on_disk or on_gpu else sum(view.n_bytes for view in dataset.views)
-    if memory is None:
-        free = free_device_memory() if on_gpu else available_memory()
-        total = None if free is None else free + pictures + base  # most of these are there already
-    else:
-        total = bytes_of(memory)
+    total = _available(on_gpu, base + pictures) if memory is None else bytes_of(memory)
     if total is None:
         return None
     pixels = [view.camera.width * view.camera.height for view in dataset.train]
     targets = 0 if on_disk else TARGET * sum(pixels)
-    keep = targets <= TARGETS_SHARE * total
-    if not keep:
+    keep_targets = targets <= TARGETS_SHARE * total
+    if not keep_targets:
         targets = sum(view.n_bytes for view in dataset.train)
-    targets += MASK * sum(pixels) if masked and not on_disk else 0
-    targets += 0 if on_disk else BOUNDS * sum(_saturated_sizes(dataset))
-    at_work = (AT_WORK + (0 if keep else TARGET)) * max(pixels)
-    floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
-    floats += floats_of(groups)
-    held = base, pictures + targets + at_work, floats
-    if on_gpu:
-        return Budget(total, *held, DEVICE_PAIR, ROUNDED, keep, later=later)
+    masks = MASK * sum(pixels) if masked and not on_disk else 0
+    bounds = 0 if on_disk else BOUNDS * sum(_saturated_sizes(dataset))
+    at_work = (AT_WORK + (0 if keep_targets else TARGET)) * max(pixels)
+    return Budget(
+        total, base, pictures + targets + masks + bounds + at_work,
+        floats=14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0) + floats_of(groups),
+        pair=DEVICE_PAIR if on_gpu else LISTED + WALKED / _bands(dataset),
+        rounded=ROUNDED if on_gpu else 1.0,
+        keep_targets=keep_targets, later=later,
+    )  # fmt: skip
+
+
+def _available(on_gpu: bool, held: float) -> float | None:
+    """What there is for a training that ``held`` some already; None where nobody knows."""
+    free = free_device_memory() if on_gpu else available_memory()
+    return None if free is None else free + held
+
+
+def _bands(dataset: Dataset) -> int:
+    """In which the lowest view may be walked."""
     rows = min(view.camera.height for view in dataset.train) // Blocks.of_backend().tile_height
-    bands = min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
-    return Budget(total, *held, LISTED + WALKED / bands, keep_targets=keep, later=later)
+    return min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
+
 
 
 def _saturated_sizes(dataset: Dataset) -> list[int]:

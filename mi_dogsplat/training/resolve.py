@@ -12,7 +12,8 @@ from ..support.errors import DataError
 from .config import TrainConfig
 from .memory_budget import Budget, Later, budget
 from .optimizer.preconditioning import n_products
-from .presets import RECIPES, Recipe
+from .presets import RECIPES
+from .recipe import Recipe
 from .strategy.pose_refinement import PoseRefinement
 
 NEAR_SHARE = 1 / 16  # of the camera extent: the near clip of captures in small units

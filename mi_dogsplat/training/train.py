@@ -40,7 +40,7 @@ from .initialize import initial_splats
 from .loss_means import LossMeans
 from .optimizer.learning_rates import LearningRates
 from .optimizer.splat_optimizer import SplatOptimizer
-from .presets import Recipe
+from .recipe import Recipe
 from .resolve import exposed, memory_of, near_clip_of, recipe_of_run
 from .strategy.broken import broken
 from .strategy.sh_ramp import ShRamp

@@ -26,7 +26,7 @@ from mi_dogsplat.measure.lpips import Lpips
 from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.presets import GIVEN
+from mi_dogsplat.training.given_rows import GIVEN
 from mi_dogsplat.training.train import Trainer
 from PIL import Image
 from small_comparison import NAMES, SETTINGS, without_processes

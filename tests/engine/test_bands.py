@@ -12,11 +12,12 @@ from device_peak import device_peak
 from mi_dogsplat.engine import bands as module
 from mi_dogsplat.engine.arrays import detached
 from mi_dogsplat.engine.bands import LISTED, MOST_ISECTS, WALKED, BandedView, bands_of
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import Blocks, Grid
 from mi_dogsplat.engine.isects import count_isects
 from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.engine.parameters import device_array, upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.engine.tables import CentredKernel, varying_columns
 from mi_dogsplat.engine.view import prepare, prepare_both

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import SMOOTH, Blocks, Cutoffs, Grid
-from mi_dogsplat.engine.options import Settings
+from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.tiles import TileLists
 from mi_dogsplat.engine.view import arrange
 from mi_dogsplat.engine.walks.composite import composite
@@ -28,7 +29,8 @@ def engine(splats: Splats, camera: Camera, features=None, cutoffs=HARD, negative
     projection = project(upload(splats), DeviceCamera.upload(camera), sh_degree=splats.sh_degree)
     grid = Grid.of(camera.width, camera.height, Blocks.of_backend())
     rows = projection.colors if features is None else [mi.Float(f.astype(np.float32)) for f in features.T]
-    view = arrange(projection, rows, grid, Settings(len(rows), cutoffs, negative_transmittance))
+    chosen = RasterOptions(cutoffs=cutoffs, negative_transmittance=negative_transmittance)
+    view = arrange(projection, rows, grid, chosen)
     blended = composite(replace(view, lists=lists) if lists else view)
     shape = camera.height, camera.width
     return np.stack([p.numpy().reshape(shape) for p in blended.features], -1), blended.T.numpy().reshape(shape)

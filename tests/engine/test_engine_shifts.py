@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.engine.arrays import backward
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled

@@ -16,8 +16,8 @@ from mi_dogsplat.engine.bands import PreparedView, WalkableView
 from mi_dogsplat.engine.device_camera import DeviceCamera, Nudge
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import device_array, upload
-from mi_dogsplat.engine.project import NO_ROW
 from mi_dogsplat.engine.projected import replayed
+from mi_dogsplat.engine.rows import NO_ROW
 from mi_dogsplat.engine.view import prepare, prepare_both
 from mi_dogsplat.engine.walks.adjoints import composite_backward
 from mi_dogsplat.engine.walks.aovs import composite_aovs, walked

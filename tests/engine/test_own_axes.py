@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.engine.own_axes import own_axes_per_pixel
-from mi_dogsplat.engine.project import LOW_PASS, MAX_AXIS
+from mi_dogsplat.engine.screen_kernels import LOW_PASS, MAX_AXIS
 
 AXES = np.array([[30.0, -41.0, 12.0], [22.5, 17.0, -35.0]], np.float32)  # J W R: px to a unit of length
 SCALES = {
@@ -40,7 +40,7 @@ def exact(scales: np.ndarray) -> np.ndarray:
 def engine(scales: np.ndarray, cut: np.ndarray | None = None) -> np.ndarray:
     axes = [[mi.Float(value) for value in row] for row in AXES.tolist()]
     given, in_range = ([mi.Float(s) for s in of.tolist()] for of in (scales, scales if cut is None else cut))
-    return np.array([[to.numpy()[0] for to in pair] for pair in own_axes_per_pixel(axes, given, in_range, LOW_PASS)])
+    return np.array([[to.numpy()[0] for to in pair] for pair in own_axes_per_pixel(axes, given, in_range)])
 
 
 @pytest.mark.parametrize("name", SCALES)
@@ -65,7 +65,7 @@ def test_derivatives_are_finite(name):
     scales = [mi.Float(np.float32(s)) for s in SCALES[name]]
     axes = [[mi.Float(value) for value in row] for row in AXES.tolist()]
     dr.enable_grad(scales, axes)
-    found: Any = sum(to for pair in own_axes_per_pixel(axes, scales, scales, LOW_PASS) for to in pair)
+    found: Any = sum(to for pair in own_axes_per_pixel(axes, scales, scales) for to in pair)
     dr.backward(found)
     assert all(dr.all(dr.isfinite(dr.grad(value))) for value in [*scales, *axes[0], *axes[1]])
 
@@ -76,7 +76,7 @@ def test_where_the_low_pass_filter_is_nothing_twice_the_size_is_half_the_change_
     log_scales = [mi.Float(np.log(s)) for s in SCALES[name]]
     dr.enable_grad(log_scales)
     axes, scales = [[mi.Float(value) for value in row] for row in AXES.tolist()], [dr.exp(s) for s in log_scales]
-    values: Any = [to for pair in own_axes_per_pixel(axes, scales, scales, LOW_PASS)[1:] for to in pair]
+    values: Any = [to for pair in own_axes_per_pixel(axes, scales, scales)[1:] for to in pair]
     total: Any = sum(values)
     dr.backward(total)
     assert sum(dr.grad(s)[0] for s in log_scales) == pytest.approx(-total[0], rel=1e-3)

@@ -10,8 +10,9 @@ import pytest
 from every_pair import every_pair
 from forward_mode import pushed, pushed_differences, random_directions
 from mi_dogsplat import reference
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.reference.forward import raw_names
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled

@@ -13,7 +13,7 @@ from mi_dogsplat.engine.parameters import (
     rows_of_splats,
     upload,
 )
-from mi_dogsplat.engine.project import NO_ROW
+from mi_dogsplat.engine.rows import NO_ROW
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import random_splats, rounded
 

@@ -7,9 +7,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.engine.activations import softplus
 from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import LOG2_E, NO_ROW, DeviceCamera, Kernels, project, softplus
+from mi_dogsplat.engine.project import project
+from mi_dogsplat.engine.rows import NO_ROW
+from mi_dogsplat.engine.screen_kernels import LOG2_E, Kernels
 from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.row_groups import OWN_AXES
 from mi_dogsplat.scene.splats import Splats

@@ -7,9 +7,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.motion import moved
 from mi_dogsplat.engine.parameters import concatenate, upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.engine.rasterize import Frame, rasterize
 from mi_dogsplat.engine.sh_groups import padded_rows
 from mi_dogsplat.scene.cameras import affine

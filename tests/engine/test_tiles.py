@@ -4,10 +4,12 @@ import drjit as dr
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.footprints import SLACK
 from mi_dogsplat.engine.geometry import SMOOTH, Blocks, Cutoffs, Grid
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import LOW_PASS, DeviceCamera, project
+from mi_dogsplat.engine.project import project
+from mi_dogsplat.engine.screen_kernels import LOW_PASS
 from mi_dogsplat.engine.tiles import TileLists, tiles
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.row_groups import PLANES

@@ -21,7 +21,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.features import model_features, scene_features, splat_scene
-from mi_dogsplat.scene.row_groups import OWN_AXES
+from mi_dogsplat.scene.row_groups import DOG, OWN_AXES, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from shifted_models import with_shifts
@@ -180,11 +180,10 @@ def test_each_choice_adds_operations():
     assert (cut[0] < cut[1]).all() and (cut[1] < cut[2]).all()
     index, two = (aov_operations(names, False, variant) for names in (("index",), ("index", "count")))
     assert 0 < index < two < aov_operations(("index", "count"), True, variant)
-    costs = [primitive_operations(RasterOptions(degree), False, variant) for degree in range(4)]
+    costs = [primitive_operations(RasterOptions(degree), variant) for degree in range(4)]
     assert costs == sorted(set(costs))
-    assert primitive_operations(RasterOptions(0, antialiased=True), False, variant) > costs[0]
-    assert primitive_operations(RasterOptions(0), True, variant) > costs[0]
-    assert primitive_operations(RasterOptions(0), False, variant, True) > costs[0]
+    assert primitive_operations(RasterOptions(0, antialiased=True), variant) > costs[0]
+    assert all(primitive_operations(RasterOptions(0), variant, group) > costs[0] for group in (DOG, SLOPES))
     assert (np.array(pair_operations(Settings(3, slopes=True), False, variant)) > plain).all()
 
 

@@ -11,7 +11,7 @@ from mi_dogsplat import write_ply
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.training.presets import GIVEN
+from mi_dogsplat.training.given_rows import GIVEN
 from splat_scenes import random_splats, rounded
 
 

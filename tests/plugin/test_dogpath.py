@@ -1,6 +1,5 @@
 """``dogpath``: energy, sampling, and what it keeps."""
 
-from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
@@ -8,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from dogpath_scenes import ALONE, CAMERA, T4, camera_rays, coarse, facing_camera, opposite, render, rgb, square
-from mi_dogsplat.plugin import light_paths
+from mi_dogsplat.plugin import direct_light, light_paths
 from mi_dogsplat.plugin.dogpath import LatestTracer
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
@@ -37,17 +36,6 @@ def test_in_a_white_furnace_nothing_gains_or_loses_energy(material, dog_share):
     assert np.abs(coarse(image, 8) - 1).max() < 0.1
 
 
-def weights(emission: float, sampled: float) -> Callable:
-    """In place of ``mis_weight``: it is asked for emission first, then for a sampled emitter, in turns."""
-    calls = [0]
-
-    def weight(of_this, of_other):
-        calls[0] += 1
-        return dr.select(of_other == 0, mi.Float(1), emission) if calls[0] % 2 else mi.Float(sampled)
-
-    return weight
-
-
 def test_both_samplings_and_their_combination_agree(monkeypatch):
     splats = make_splats([[0.6, 0.3, 2.2], [-0.5, -0.2, 2.4]], 0.35, 0.8, [[0.5, 0.3, 0.1], [0.1, 0.4, 0.6]])
     lamp = square(T4().translate([0, 0, -1]).scale(1.5), emitter={"type": "area", "radiance": rgb(5, 5, 5)})
@@ -55,8 +43,10 @@ def test_both_samplings_and_their_combination_agree(monkeypatch):
     scene = {"wall": wall, "lamp": lamp}
     how = {"max_depth": 2, "camera": fine(CAMERA, 10)}
     combined = coarse(render(splats, scene, spp=4, **how), 10)
-    for one in (weights(1, 0), weights(0, 1)):
-        monkeypatch.setattr(light_paths, "mis_weight", one)
+    for emission, sampled in ((1.0, 0.0), (0.0, 1.0)):
+        monkeypatch.setattr(light_paths, "mis_weight", lambda of_this, of_other, weight=emission: dr.select(
+            of_other == 0, mi.Float(1), weight))
+        monkeypatch.setattr(direct_light, "mis_weight", lambda of_this, of_other, weight=sampled: mi.Float(weight))
         alone = coarse(render(splats, scene, spp=6, seed=1, **how), 10)
         np.testing.assert_allclose(alone.mean((0, 1)), combined.mean((0, 1)), rtol=0.02)
         assert np.abs(alone - combined).mean() < 0.12 * combined.mean()

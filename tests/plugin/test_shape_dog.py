@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import Splats, read_ply, reference, write_ply
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
-from mi_dogsplat.engine.project import NO_ROW
+from mi_dogsplat.engine.rows import NO_ROW
 from mi_dogsplat.scene.cameras import affine
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import (

@@ -9,7 +9,7 @@ import pytest
 from dogpath_scenes import rgb
 from launches import KernelWatch
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.plugin import light_paths
+from mi_dogsplat.plugin import direct_light, light_paths
 from mi_dogsplat.plugin.shadow_ratios import estimated
 from mi_dogsplat.plugin.straight import LatestStraight, lets_straight
 from mi_dogsplat.scene.cameras import Camera
@@ -119,17 +119,17 @@ def test_it_is_the_path_tracer_of_mitsuba_whose_shadow_rays_pass_as_well(max_dep
 
 
 def test_either_sampling_alone_finds_the_same_light(monkeypatch):
-    """Behind masks, and behind several. Weights of emission are asked for first, then those of a sampled emitter."""
+    """Behind masks, and behind several."""
     lamp = {"type": "rectangle", "to_world": T4().translate([0, 0, -1]).scale(1.5),
             "emitter": {"type": "area", "radiance": rgb(5, 5, 5)}}
     others = {"wall": square(3.5, 20, diffuse(0.5, 0.5, 0.5)), "lamp": lamp, "sky": {"type": "constant"},
               "near": square(-0.4, 9, mask(0.3)), "far": square(-0.6, 9, mask(0.5))}
     how = {"max_depth": 2, "camera": fine(CAMERA, 8), "hide_emitters": True}
     means = [render(scene_of(others, **how), spp=2).mean()]
-    for kept in (0, 1):
-        calls = iter(range(10**6))
-        monkeypatch.setattr(light_paths, "mis_weight", lambda of_this, of_other, kept=kept, calls=calls: dr.select(
-            of_other == 0, 1, mi.Float(next(calls) % 2 == kept)))
+    for kept in (light_paths, direct_light):
+        for module in (light_paths, direct_light):
+            monkeypatch.setattr(module, "mis_weight", lambda of_this, of_other, weight=float(module is kept): dr.select(
+                of_other == 0, 1, mi.Float(weight)))
         means.append(render(scene_of(others, **how), spp=4, seed=1).mean())
     assert means[0] > 0.05
     assert means == pytest.approx([means[0]] * 3, rel=0.02)

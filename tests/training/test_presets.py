@@ -9,8 +9,10 @@ from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.scores.score import ScoreRule
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.given_rows import GIVEN
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
-from mi_dogsplat.training.presets import GIVEN, RECIPES, Recipe
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.recipe import Recipe
 from mi_dogsplat.training.resolve import recipe_of_run
 from mi_dogsplat.training.strategy.cut_activation import CutRule
 from mi_dogsplat.training.strategy.densify import Densification

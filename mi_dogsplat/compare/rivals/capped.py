@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.densify import Choice, Densification, by_gradient
 from ...training.strategy.densify_stats import DensifyStats
 from ...training.strategy.strategy import Training

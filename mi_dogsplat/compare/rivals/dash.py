@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...training.milestones import scaled_milestone
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.densify import Choice, Densification
 from ...training.strategy.densify_stats import DensifyStats
 from ...training.strategy.strategy import Strategy, Training

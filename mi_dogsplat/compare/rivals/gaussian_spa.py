@@ -22,7 +22,7 @@ import numpy as np
 
 from ...scores.score import ScoreRule
 from ...training.milestones import scaled_milestone
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
 from .growth import opacities

@@ -24,7 +24,7 @@ import numpy as np
 from ...scores.score import ScoreRule
 from ...training.events import Dropped, Event
 from ...training.milestones import scaled_milestone
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.prune import keep_best
 from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training

@@ -18,7 +18,7 @@ from ...render.picture import photograph
 from ...scores.weights import weights
 from ...training.events import Dropped, Event
 from ...training.milestones import scaled_milestone
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.densify import Choice, Densification
 from ...training.strategy.densify_stats import DensifyStats
 from ...training.strategy.prune import keep_best

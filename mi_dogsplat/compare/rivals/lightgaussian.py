@@ -15,7 +15,7 @@ import numpy as np
 from ...scene.opacity import sigmoid
 from ...scores.training_views import TrainingViews
 from ...scores.weights import weights
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.scheduler import PruningRule
 
 DEVIATIONS = (

@@ -19,10 +19,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...engine.activations import softplus
 from ...engine.parameters import device_array
-from ...engine.project import softplus
 from ...training.milestones import scaled_milestone
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
 from .radsplat import LargestWeight

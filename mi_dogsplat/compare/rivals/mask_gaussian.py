@@ -32,7 +32,7 @@ from ...engine.walks.score import Sums, composite_score
 from ...scores.score import ScoreRule
 from ...training.events import Event
 from ...training.milestones import scaled_milestone
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.densify import Densification
 from ...training.strategy.prune import keep_best
 from ...training.strategy.scheduler import PruningRule

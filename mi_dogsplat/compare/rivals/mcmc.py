@@ -19,11 +19,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...engine.activations import rotation_matrix
 from ...engine.parameters import device_array
-from ...engine.project import rotation_matrix
 from ...training.events import Event
 from ...training.milestones import scaled_milestone
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.densify import Densification
 from ...training.strategy.once import Done
 from ...training.strategy.strategy import Seen, Strategy, Training

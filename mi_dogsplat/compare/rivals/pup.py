@@ -27,7 +27,7 @@ from ...engine.view import prepare_both
 from ...engine.walks.composite import composite_over
 from ...engine.walks.fisher import COLUMNS, PAIRS, SHAPE, composite_fisher, patch_blocks
 from ...scores.training_views import TrainingViews
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.scheduler import PruningRule
 
 DEVIATIONS = (

@@ -8,7 +8,7 @@ same share every 3,000 steps from 15,000 on, 30 % in the paper, as much as meets
 from __future__ import annotations
 
 from ...scores.score import ScoreRule
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.scheduler import PruningRule
 
 DEVIATIONS = (

@@ -23,7 +23,7 @@ from ...engine.project import project
 from ...measure.metrics import ssim
 from ...render.picture import photograph
 from ...scores.weights import weights
-from ...training.presets import Recipe
+from ...training.recipe import Recipe
 from ...training.strategy.densify import Choice, Densification
 from ...training.strategy.densify_stats import DensifyStats, radii
 from ...training.strategy.strategy import Training

@@ -3,8 +3,12 @@
 Notation as in ``composite.py``, and
     δx     adjoint of x
 
-The walk is replayed in the same order, and nothing is stored per primitive and pixel: it needs two numbers per pixel, T
-and the part of δC·C that is still to come.
+C = Σ c α T is affine in the α of a primitive: all that lies behind it has the factor 1 - α. So
+
+    δα = T (δC·c) - R / (1 - α),   R = δC·C + δT T_end, less the parts α T (δC·c) of it and of those in front
+
+and δc = α T δC, δp = ln 2 2^p δα. The walk is replayed in the same order, and nothing is stored per primitive and
+pixel: it needs two numbers per pixel, T and R.
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ from ..bands import PreparedView, WalkableView
 from ..cuts import by_plane
 from ..frozen import frozen
 from ..geometry import MAX_ALPHA
-from ..project import LN2
+from ..screen_kernels import LN2
 from ..slopes import CHANNELS
 from ..tables import N_PSEUDO, CentredKernel, varying_columns
 from .block_sums import curvature_adjoints, dot, kernel_adjoints, plane_adjoints
@@ -89,7 +93,7 @@ class PixelAdjoints:
         self.column_of, self.row_of = zip(*((k % width, k // width) for k in range(walk.pixels.count)), strict=True)
 
     def still_to_come(self, blended: Planes) -> list:
-        """What is still to come of δC·C + δT T at the start: all of it."""
+        """R before the first primitive: all of δC·C + δT T_end."""
         read = self.walk.pixels.read
         rest = [δ * t for δ, t in zip(read(self.δplanes.T), read(blended.T), strict=True)]
         for plane, δ in zip(blended.features, self.δC, strict=True):
@@ -97,7 +101,7 @@ class PixelAdjoints:
         return rest
 
     def past(self, meeting: Meeting, colors: list, alphas: Alphas, T: list, rest: list) -> tuple[list, list]:
-        """(weight α T, ln 2 δα) at each pixel; ``T`` and ``rest`` become those behind the primitive."""
+        """(weight α T, ln 2 δα) at each pixel; ``T`` and ``rest``, R, become those behind the primitive."""
         weights, δα = [], []
         for k, a in enumerate(alphas.values):
             weight, behind, goes_on = self.walk.advance(a, T[k], meeting, k)

@@ -15,7 +15,9 @@ ratios that nothing is trained by: they have no derivative here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import drjit as dr
 
@@ -24,15 +26,61 @@ from ..frozen import frozen
 from .pixels import planes_of
 from .walk import Meeting, Walk
 
-WALKED = ("median_depth", "index", "count", "dog_share")
-# What a pixel carries along for each, and what it starts with
-STATE = {
-    "median_depth": {"median_depth": 0},
-    "index": {"index": -1, "largest": 0},
-    "count": {"count": 0},
-    "dog_share": {"dog": 0, "all": 0},
+
+@dataclass
+class Passed:
+    """A primitive that a walk has gone past, at a pixel."""
+
+    weight: Any  # w; 0 behind the end of the walk
+    behind: Any  # T behind it
+    is_blended: Any
+    depth: Any  # None where nobody asks for it
+    index: Any
+    is_dog: Any  # None in a model without DoG
+
+
+def _median_depth(state: dict, passed: Passed) -> dict:
+    so_far = state["median_depth"]  # depths are positive: 0 says that there is none yet
+    is_it = passed.is_blended & (passed.behind <= 0.5) & (so_far == 0)
+    return {"median_depth": dr.select(is_it, passed.depth, so_far)}
+
+
+def _index(state: dict, passed: Passed) -> dict:
+    larger = passed.weight > state["largest"]
+    return {
+        "index": dr.select(larger, passed.index, state["index"]),
+        "largest": dr.select(larger, passed.weight, state["largest"]),
+    }
+
+
+def _count(state: dict, passed: Passed) -> dict:
+    return {"count": dr.select(passed.is_blended, state["count"] + 1, state["count"])}
+
+
+def _dog_share(state: dict, passed: Passed) -> dict:
+    size = dr.abs(passed.weight)
+    return {"all": state["all"] + size, "dog": dr.select(passed.is_dog, state["dog"] + size, state["dog"])}
+
+
+class Aov(NamedTuple):
+    """What a pixel carries along for it: at the start, and behind another primitive; in the end it is ``value``."""
+
+    start: dict[str, float]
+    behind: Callable[[dict, Passed], dict]
+    value: Callable[[dict], Any]
+    nothing: float  # value of a pixel that nothing reaches
+
+
+AOVS = {
+    "median_depth": Aov({"median_depth": 0}, _median_depth, lambda state: state["median_depth"], 0.0),
+    "index": Aov({"index": -1, "largest": 0}, _index, lambda state: state["index"], -1.0),
+    "count": Aov({"count": 0}, _count, lambda state: state["count"], 0.0),
+    "dog_share": Aov(
+        {"dog": 0, "all": 0}, _dog_share, lambda s: dr.select(s["all"] > 0, s["dog"] / s["all"], 0), 0.0
+    ),
 }
-NOTHING = {"median_depth": 0.0, "index": -1.0, "count": 0.0, "dog_share": 0.0}  # of a pixel that nothing reaches
+WALKED = tuple(AOVS)
+NOTHING = {name: aov.nothing for name, aov in AOVS.items()}
 
 
 def walked(names: Sequence[str], has_dog: bool) -> tuple[str, ...]:
@@ -56,37 +104,19 @@ def composite_aovs(view: WalkableView, names: tuple[str, ...], depths=None) -> l
 @frozen
 def _composite_aovs(view: PreparedView, names: tuple[str, ...], depths, above: list) -> list:
     walk = Walk(view)
-    Float = walk.types.Float
-    start = {key: value for name in names for key, value in STATE[name].items()}
+    Float, asked = walk.types.Float, [AOVS[name] for name in names]
 
-    def step(meeting: Meeting, T: list, state: dict) -> None:
+    def step(meeting: Meeting, T: list, pixels: list[dict]) -> None:
         alphas, index = walk.alphas(meeting), Float(meeting.splat)
         depth = None if depths is None else dr.gather(Float, depths, meeting.splat, meeting.active)
-        for k, a in enumerate(alphas.values):
-            weight, behind, goes_on = walk.advance(a, T[k], meeting, k)
+        for k, α in enumerate(alphas.values):
+            weight, behind, goes_on = walk.advance(α, T[k], meeting, k)
             weight = dr.select(goes_on, weight, 0)
-            blended = goes_on & (a != 0)
             T[k] = behind
+            passed = Passed(weight, behind, goes_on & (α != 0), depth, index, alphas.is_dog)
+            for aov in asked:
+                pixels[k].update(aov.behind(pixels[k], passed))
 
-            def update(key, value, where, k=k):
-                state[key][k] = dr.select(where, value, state[key][k])
-
-            if "median_depth" in start:  # depths are positive: 0 says that there is none yet
-                update("median_depth", depth, blended & (behind <= 0.5) & (state["median_depth"][k] == 0))
-            if "index" in start:
-                larger = weight > state["largest"][k]
-                update("index", index, larger)
-                update("largest", weight, larger)
-            if "count" in start:
-                update("count", state["count"][k] + 1, blended)
-            if "all" in start:
-                size = dr.abs(weight)
-                state["all"][k] = state["all"][k] + size  # not +=: pixels share their first value
-                update("dog", state["dog"][k] + size, alphas.is_dog)
-
-    state = {key: [Float(value)] * walk.pixels.count for key, value in start.items()}
-    _, state = walk.run(step, state, "composite_aovs")
-    if "all" in start:
-        pairs = zip(state["dog"], state["all"], strict=True)
-        state["dog_share"] = [dr.select(whole > 0, part / whole, 0) for part, whole in pairs]
-    return walk.pixels.write([state[name] for name in names], above)
+    start = {key: Float(value) for aov in asked for key, value in aov.start.items()}
+    _, pixels = walk.run(step, [dict(start) for _ in range(walk.pixels.count)], "composite_aovs")
+    return walk.pixels.write([[aov.value(pixel) for pixel in pixels] for aov in asked], above)

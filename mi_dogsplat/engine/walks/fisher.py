@@ -15,13 +15,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import drjit as dr
-import mitsuba as mi
 
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import MAX_ALPHA, Blocks
-from ..project import LN2
-from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
+from ..screen_kernels import LN2
+from ..tables import KernelRow
+from .slot_rows import SlotRows, sums_over_bands
 from .walk import Meeting, Walk
 
 SHAPE = 5  # numbers of a projected shape: x y ux uy vy
@@ -41,12 +41,7 @@ def composite_fisher(view: WalkableView, image: list) -> list:
         view: made with ``patch_blocks``.
         image: the 3 planes of the view [H*W], background included.
     """
-    in_turn = lanes_add_in_turn(mi.variant())
-
-    def walk(band: PreparedView, above: list) -> list:
-        return columns_of(_composite_fisher(band, image, in_turn, above), band.lists, COLUMNS)
-
-    return view.walked(walk, [])
+    return sums_over_bands(view, COLUMNS, lambda band, *others: _composite_fisher(band, image, *others))
 
 
 @frozen
@@ -55,24 +50,21 @@ def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: lis
     Float = walk.types.Float
 
     def step(meeting: Meeting, T: list, behind: list) -> None:
-        slot, colors, kernel = walk.slot(meeting), walk.features(meeting), meeting.row.kernel
-        ux, uy, vy = kernel.ux, kernel.uy, kernel.vy
-        alphas, offsets = walk.alphas(meeting), walk.offsets(meeting)
-        g = [[Float(0)] * SHAPE for _ in range(3)]
-        s = Float(0)
-        for k, (x, y) in enumerate(offsets):
-            a, primary = alphas.values[k], alphas.primary[k]
-            weight, T_behind, goes_on = walk.advance(a, T[k], meeting, k)
-            blended = goes_on & (a != 0)
-            weight = dr.select(blended, weight, 0)
+        slot, colors, alphas = walk.slot(meeting), walk.features(meeting), walk.alphas(meeting)
+        g, s = [[Float(0)] * SHAPE for _ in range(3)], Float(0)
+        for k, (dx, dy) in enumerate(walk.offsets(meeting)):
+            α, primary = alphas.values[k], alphas.primary[k]
+            weight, T_behind, goes_on = walk.advance(α, T[k], meeting, k)
+            is_blended = goes_on & (α != 0)
+            weight = dr.select(is_blended, weight, 0)
             s = s + weight
-            u, v = dr.fma(ux, x, uy * y), vy * y
-            slope = dr.select(blended & (primary < MAX_ALPHA), LN2 * primary, 0)  # ∂α/∂p
-            by_shape = [2 * u * ux, 2 * dr.fma(u, uy, v * vy), -2 * u * x, -2 * u * y, -2 * v * y]  # ∂p
+            α_by_p = dr.select(is_blended & (primary < MAX_ALPHA), LN2 * primary, 0)
+            p_by_shape = _exponent_by_shape(meeting.row.kernel, dx, dy)
             for c in range(3):
                 behind[c][k] = dr.fma(-weight, colors[c][k], behind[c][k])
-                d = slope * dr.fma(T[k], colors[c][k], -walk.hidden(behind[c][k], a, a))
-                g[c] = [dr.fma(d, by, value) for by, value in zip(by_shape, g[c], strict=True)]
+                d = dr.fma(T[k], colors[c][k], -walk.hidden(behind[c][k], α, α))
+                d_by_p = α_by_p * d
+                g[c] = [dr.fma(d_by_p, by, value) for by, value in zip(p_by_shape, g[c], strict=True)]
             T[k] = T_behind
         products = [g[0][i] * g[0][j] + g[1][i] * g[1][j] + g[2][i] * g[2][j] for i, j in PAIRS]
         products += [s * value for channel in g for value in channel]
@@ -80,3 +72,10 @@ def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: lis
 
     walk.run(step, [walk.pixels.read(plane) for plane in image], "composite_fisher", unroll=False)
     return rows.sums(above=above)
+
+
+def _exponent_by_shape(kernel: KernelRow, dx, dy) -> list:
+    """∂p/∂(x, y, ux, uy, vy) of p = lo - u² - v², u = ux dx + uy dy, v = vy dy; (dx, dy) is the pixel minus (x, y)."""
+    ux, uy, vy = kernel.ux, kernel.uy, kernel.vy
+    u, v = dr.fma(ux, dx, uy * dy), vy * dy
+    return [2 * u * ux, 2 * dr.fma(u, uy, v * vy), -2 * u * dx, -2 * u * dy, -2 * v * dy]

@@ -1,7 +1,7 @@
 """2^p of a kernel at all pixels of a lane's block, with three exponentials for each patch of up to 4 x 4 pixels.
 
-p = lo - u² - v² with u = ux dx + uy dy and v = vy dy, as in ``project.py``. From pixel to pixel of a patch 2^p is
-multiplied by a ratio, and the ratio by a constant of the primitive,
+p = lo - u² - v² with u = ux dx + uy dy and v = vy dy, as in ``screen_kernels.py``. From pixel to pixel of a patch
+2^p is multiplied by a ratio, and the ratio by a constant of the primitive,
 
     2^p(dx+1, dy) = 2^p r,   r = 2^(-ux (2u + ux)),                     r(dx+1, dy) = r q,   r(dx, dy+1) = r s,
     2^p(dx, dy+1) = 2^p d,   d = 2^(-uy (2u + uy) - vy (2v + vy)),      d(dx, dy+1) = d t,

@@ -32,15 +32,15 @@ Differences of neighbouring pixels need both in one lane: blocks and tiles then 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
 from .block_sums import dot
-from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
+from .slot_rows import SlotRows, sums_over_bands
 from .walk import Alphas, Meeting, Walk
 
 
@@ -103,13 +103,11 @@ def composite_score(view: WalkableView, sums: Sums, image: list, planes: list, s
 
     Returns the columns, [N] each.
     """
-    in_turn = lanes_add_in_turn(mi.variant())
 
-    def walk(band: PreparedView, above: list) -> list:
-        found = _composite_score(band, sums, image, planes, share, in_turn, above)
-        return columns_of(found, band.lists, sums.columns)
+    def walk(band: PreparedView, *others: Any) -> list:
+        return _composite_score(band, sums, image, planes, share, *others)
 
-    return view.walked(walk, [])
+    return sums_over_bands(view, sums.columns, walk)
 
 
 @frozen
@@ -117,71 +115,110 @@ def _composite_score(
     view: PreparedView, sums: Sums, image: list, planes: list, share, in_turn: bool, above: list
 ) -> list:
     walk, rows = Walk(view), SlotRows(view.lists, sums.columns, in_turn)
-    pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
-    width, channels = blocks.width, range(sums.channels)
-    own = [r * width + c for r in range(blocks.stride_y) for c in range(blocks.stride_x)]
-    behind = [pixels.read(plane) for plane in image]
-    values = [pixels.read(plane) for plane in planes]
-    counted = values.pop(0) if sums.masked else None
-    weight2 = [w * w for w in values.pop(0)] if sums.weighted else None
-    shown = [values.pop(0) for _ in range(3)] if sums.clamped else None
-    if shown:
-        behind = [[m * b for m, b in zip(*planes, strict=True)] for planes in zip(shown, behind, strict=True)]
-    if sums.channels == 1:
-        behind = [[r + g + b for r, g, b in zip(*behind, strict=True)]]
-    # at the lane's own pixels, in the order in which F is listed: w² and ξ
-    weights = None if weight2 is None else [weight2[k] for _ in channels for k in own]
-    probes = [[values[p * len(channels) + f][k] for f in channels for k in own] for p in range(sums.probes)]
+    image = [walk.pixels.read(plane) for plane in image]
+    given = _GivenPlanes.of(sums, [walk.pixels.read(plane) for plane in planes])
+    footprints, columns = _Footprints(walk, sums, given, share), _Columns(walk, sums, given)
 
-    def differences(plane: list) -> list:
-        """To the next pixels of a row and of a column, 0 at the border of the image."""
-        pairs = [(k, neighbour) for k in own for neighbour in (k + 1, k + width)]
-        return [dr.select(pixels.inside[n], plane[n] - plane[k], 0) for k, n in pairs]
+    def step(meeting: Meeting, T: list, behind: list) -> None:
+        slot = walk.slot(meeting)
+        rows.add(slot, columns.of(footprints.past(meeting, T, behind)), meeting.active)
 
-    def changes_of(alphas: Alphas) -> list:
-        """What each pixel's α loses with the part of the primitive that F asks for."""
-        if sums.degeneration:
-            return [a - p for a, p in zip(alphas.values, walk.primary_alphas(alphas.primary), strict=True)]
-        if sums.uncut is not None:
-            return [a - b for a, b in zip(alphas.values, walk.alphas_without(alphas, sums.uncut), strict=True)]
-        return alphas.values
+    walk.run(step, footprints.in_channels(image), "composite_score")
+    return rows.sums(above=above)
 
-    def footprint(meeting: Meeting, T: list, behind: list) -> list[list]:
-        """F, [channel][pixel]; walks past the primitive."""
-        alphas = walk.alphas(meeting)
-        changes = changes_of(alphas)
-        color, opacity = walk.features(meeting), dr.exp2(meeting.row.kernel.lo)
-        blends = 1 if share is None else dr.gather(Float, share, meeting.splat, meeting.active)
-        F = [[] for _ in channels]
-        for k, a in enumerate(alphas.values):
-            blended_alpha = a * blends
-            weight, T_behind, goes_on = walk.advance(blended_alpha, T[k], meeting, k)
+
+@dataclass
+class _GivenPlanes:
+    """The ``planes`` of ``composite_score`` at the pixels of a lane's block; None of what was not asked for."""
+
+    counted: list | None  # μ
+    weights: list | None  # w
+    shown: list[list] | None  # m of each channel
+    probes: list[list[list]]  # ξ: [probe][channel of F][pixel]
+
+    @staticmethod
+    def of(sums: Sums, planes: list[list]) -> _GivenPlanes:
+        left = iter(planes)
+        return _GivenPlanes(
+            counted=next(left) if sums.masked else None,
+            weights=next(left) if sums.weighted else None,
+            shown=[next(left) for _ in range(3)] if sums.clamped else None,
+            probes=[[next(left) for _ in range(sums.channels)] for _ in range(sums.probes)],
+        )
+
+
+class _Footprints:
+    """Trace-time helper: F of one primitive after another, at the pixels of a lane's block."""
+
+    def __init__(self, walk: Walk, sums: Sums, given: _GivenPlanes, share):
+        self.walk, self.sums, self.given, self.share = walk, sums, given, share
+
+    def in_channels(self, colors: list[list]) -> list[list]:
+        """Three channels as F has them, [channel][pixel]: but where the image is clamped, and added up if F has one."""
+        if self.given.shown:
+            pairs = zip(self.given.shown, colors, strict=True)
+            colors = [[m * c for m, c in zip(*pair, strict=True)] for pair in pairs]
+        return colors if self.sums.channels == 3 else [[r + g + b for r, g, b in zip(*colors, strict=True)]]
+
+    def past(self, meeting: Meeting, T: list, behind: list[list]) -> list[list]:
+        """F, [channel][pixel]; ``T`` and ``behind``, B by channel and pixel, become those behind the primitive."""
+        walk, alphas = self.walk, self.walk.alphas(meeting)
+        changes, colors = self._changes(alphas), self.in_channels(walk.features(meeting))
+        factors = changes if self.sums.channels == 3 else [dr.exp2(meeting.row.kernel.lo)] * len(changes)
+        share = 1 if self.share is None else dr.gather(walk.types.Float, self.share, meeting.splat, meeting.active)
+        F = [[] for _ in colors]
+        for k, α in enumerate(alphas.values):
+            blended_α = α * share
+            weight, T_behind, goes_on = walk.advance(blended_α, T[k], meeting, k)
             weight = dr.select(goes_on, weight, 0)
-            blended = goes_on & (changes[k] != 0)
-            colors = [plane[k] for plane in color]
-            if shown:
-                colors = [sum(m[k] * c for m, c in zip(shown, colors, strict=True))]
-            elif sums.channels == 1:
-                colors = [sum(colors)]
-            for f in channels:
-                behind[f][k] = dr.fma(-weight, colors[f], behind[f][k])
-                hidden = walk.hidden(behind[f][k], a, blended_alpha)
-                d = dr.select(blended, dr.fma(T[k], colors[f], -hidden), 0)
-                d = d if counted is None else d * counted[k]
-                F[f].append((opacity if sums.channels == 1 else changes[k]) * d)
+            is_changed = goes_on & (changes[k] != 0)
+            for f, color in enumerate(colors):
+                behind[f][k] = dr.fma(-weight, color[k], behind[f][k])
+                d = dr.fma(T[k], color[k], -walk.hidden(behind[f][k], α, blended_α))
+                d = dr.select(is_changed, d, 0)
+                d = d if self.given.counted is None else d * self.given.counted[k]
+                F[f].append(factors[k] * d)
             T[k] = T_behind
         return F
 
-    def step(meeting: Meeting, T: list, behind: list) -> None:
-        slot, F = walk.slot(meeting), footprint(meeting, T, behind)
-        listed, result = [F[f][k] for f in channels for k in own], []
-        if sums.energy:
-            weighted = listed if weights is None else [value * w for value, w in zip(listed, weights, strict=True)]
-            result.append(dot(weighted, listed))
-        if sums.gradient:
-            steps = [difference for plane in F for difference in differences(plane)]
-            result.append(dot(steps, steps))
-        rows.add(slot, result + [dot(probe, listed) for probe in probes], meeting.active)
+    def _changes(self, alphas: Alphas) -> list:
+        """What each pixel's α loses with the part of the primitive that F asks for."""
+        if self.sums.degeneration:
+            without = self.walk.primary_alphas(alphas.primary)
+        elif self.sums.uncut is not None:
+            without = self.walk.alphas_without(alphas, self.sums.uncut)
+        else:
+            return alphas.values
+        return [α - α_without for α, α_without in zip(alphas.values, without, strict=True)]
 
-    walk.run(step, behind, "composite_score")
-    return rows.sums(above=above)
+
+class _Columns:
+    """Trace-time helper: the columns of ``Sums``, of a footprint image at the pixels of a lane's block."""
+
+    def __init__(self, walk: Walk, sums: Sums, given: _GivenPlanes):
+        blocks = walk.blocks
+        self.sums, self.inside, self.width = sums, walk.pixels.inside, blocks.width
+        self.own = [r * blocks.width + c for r in range(blocks.stride_y) for c in range(blocks.stride_x)]
+        w = given.weights
+        self.weights_sq = None if w is None else self._at_own([[w_k * w_k for w_k in w]] * sums.channels)
+        self.probes = [self._at_own(probe) for probe in given.probes]
+
+    def of(self, F: list[list]) -> list:
+        """A lane's part of each column."""
+        own, columns = self._at_own(F), []
+        if self.sums.energy:
+            weights = self.weights_sq
+            columns.append(dot(own if weights is None else [w * f for w, f in zip(weights, own, strict=True)], own))
+        if self.sums.gradient:
+            steps = [difference for plane in F for difference in self._differences(plane)]
+            columns.append(dot(steps, steps))
+        return columns + [dot(probe, own) for probe in self.probes]
+
+    def _at_own(self, planes: list[list]) -> list:
+        """Values of all channels at the pixels that no other lane has too."""
+        return [plane[k] for plane in planes for k in self.own]
+
+    def _differences(self, plane: list) -> list:
+        """To the next pixels of a row and of a column, 0 at the border of the image."""
+        pairs = [(k, neighbour) for k in self.own for neighbour in (k + 1, k + self.width)]
+        return [dr.select(self.inside[n], plane[n] - plane[k], 0) for k, n in pairs]

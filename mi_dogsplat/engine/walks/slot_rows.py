@@ -7,13 +7,15 @@ add with atomics: a row for each isect would need atomics as well, for the lanes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from ..arrays import array_types, while_loop
+from ..bands import PreparedView, WalkableView
 from ..drjit_internals import llvm_packet
 from ..frozen import zeros_for
 from ..geometry import Blocks
@@ -88,6 +90,17 @@ def _columns_at(table, row, columns: int, row_size: int) -> list:
     for k in range(-(-columns // 4)):
         values += list(dr.gather(array_types().Quad, table, dr.fma(row, row_size // 4, k)))
     return values[:columns]
+
+
+def sums_over_bands(view: WalkableView, columns: int, walk: Callable[[PreparedView, bool, list], list]) -> list:
+    """``columns`` sums of each primitive, [N] each, over a view.
+
+    Args:
+        walk: given a band, ``lanes_add_in_turn``, and what it returned for the bands above, returns
+            ``SlotRows.sums(above=...)``; it may be frozen.
+    """
+    in_turn = lanes_add_in_turn(mi.variant())
+    return view.walked(lambda band, above: columns_of(walk(band, in_turn, above), band.lists, columns), [])
 
 
 @lru_cache

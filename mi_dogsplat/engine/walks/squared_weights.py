@@ -8,22 +8,16 @@ walk finds Σ w² of each primitive, over the pixels in which it is blended.
 from __future__ import annotations
 
 import drjit as dr
-import mitsuba as mi
 
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
-from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
+from .slot_rows import SlotRows, sums_over_bands
 from .walk import Meeting, Walk
 
 
 def composite_squared_weights(view: WalkableView, mask=None):
     """Σ w², [N]; with a ``mask`` [H*W] over the pixels where it is 1, else 0, or else Σ mask w²."""
-    in_turn = lanes_add_in_turn(mi.variant())
-
-    def walk(band: PreparedView, above: list) -> list:
-        return columns_of(_squared_weights(band, mask, in_turn, above), band.lists, 1)
-
-    (sums,) = view.walked(walk, [])
+    (sums,) = sums_over_bands(view, 1, lambda band, *others: _squared_weights(band, mask, *others))
     return sums
 
 

@@ -19,8 +19,7 @@ from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
 from ..curvatures import curved_by
 from ..geometry import MAX_ALPHA, MAX_T
-from ..project import NO_ROW
-from ..rows import read_row
+from ..rows import NO_ROW, read_row
 from ..slopes import CHANNELS
 from ..tables import (
     DEPTH_FEATURE,

@@ -11,12 +11,11 @@ from __future__ import annotations
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 
 from ..arrays import array_types
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
-from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
+from .slot_rows import SlotRows, sums_over_bands
 from .walk import Meeting, Walk
 
 
@@ -28,12 +27,8 @@ def composite_weights(view: WalkableView, plane) -> tuple[list, Any]:
     Args:
         plane: e [H*W].
     """
-    largest, in_turn = dr.zeros(array_types().UInt, view.n_splats), lanes_add_in_turn(mi.variant())
-
-    def walk(band: PreparedView, above: list) -> list:
-        return columns_of(_composite_weights(band, plane, largest, in_turn, above), band.lists, 4)
-
-    return view.walked(walk, []), largest
+    largest = dr.zeros(array_types().UInt, view.n_splats)
+    return sums_over_bands(view, 4, lambda band, *others: _composite_weights(band, plane, largest, *others)), largest
 
 
 @frozen

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.parameters import device_array, rows_of_splats
-from ...engine.project import NO_ROW
+from ...engine.rows import NO_ROW
 from ...scene.row_groups import BESIDE_COLORS, DOG, RowGroup, row_of_splats
 from ...scene.splats import Splats
 from .adam import Moved, gather

@@ -9,7 +9,7 @@ import drjit as dr
 
 from ...engine.arrays import array_types
 from ...engine.frozen import frozen_for_sizes
-from ...engine.project import NO_ROW
+from ...engine.rows import NO_ROW
 from .triangles import entries_of, kept_of, n_pairs
 
 
@@ -67,23 +67,9 @@ def joint_steps(arrays: list[JointArray], of_arrays: list, products: list, numbe
     together with nothing, also where it has had them before.
     """
     n = dr.width(arrays[0].value) // arrays[0].size
-    before = entries_of(products, n)
-    g, u = [], []  # normalised: of all numbers about as large
-    there = []  # whether a primitive has them
-    for j, array in enumerate(arrays):
-        _, of_m, of_v = of_arrays[j]
-        columns = (array.columns(flat, n) for flat in (array.gradient, array.m, array.v))
-        for gradient, m, v in zip(*columns, strict=True):
-            scale = dr.sqrt(of_v) * dr.rsqrt(v + numbers.epsilon**2)
-            g.append(gradient * scale)
-            u.append(m / of_m * scale)
-            there.append(True if array.row is None else array.row != NO_ROW)
-    new = []
-    for k in range(len(g)):
-        for j in range(k + 1):
-            entry = dr.lerp(g[k] * g[j], before[n_pairs(k) + j], numbers.memory)
-            new.append(dr.select(there[k] & there[j], entry, numbers.prior if j == k else 0))
-    directions = _solved(new, u, numbers.damping)
+    normalised = _normalised(arrays, of_arrays, n, numbers.epsilon)
+    new = _with_gradient(entries_of(products, n), normalised, numbers)
+    directions = _solved(new, normalised.u, numbers.damping)
     kept = kept_of(new, n)
     dr.eval(kept, directions)  # else each array would solve the equations anew
     values = []
@@ -93,8 +79,41 @@ def joint_steps(arrays: list[JointArray], of_arrays: list, products: list, numbe
     return values, kept
 
 
+@dataclass
+class _Normalised:
+    """Of a primitive, number by number, over the root of v: of all numbers about as large. [N] each."""
+
+    g: list  # gradient
+    u: list  # m
+    there: list  # whether it has the number
+
+
+def _normalised(arrays: list[JointArray], of_arrays: list, n: int, epsilon: float) -> _Normalised:
+    found = _Normalised([], [], [])
+    for array, (_, of_m, of_v) in zip(arrays, of_arrays, strict=True):
+        columns = (array.columns(flat, n) for flat in (array.gradient, array.m, array.v))
+        for gradient, m, v in zip(*columns, strict=True):
+            scale = dr.sqrt(of_v) * dr.rsqrt(v + epsilon**2)
+            found.g.append(gradient * scale)
+            found.u.append(m / of_m * scale)
+            found.there.append(True if array.row is None else array.row != NO_ROW)
+    return found
+
+
+def _with_gradient(before: list, normalised: _Normalised, numbers: Numbers) -> list:
+    """Entries of the lower triangles of S: the mean of g gᵀ that falls off with ``memory``, the prior where a primitive
+    has no such number."""
+    g, there, new = normalised.g, normalised.there, []
+    for k in range(len(g)):
+        for j in range(k + 1):
+            entry = dr.lerp(g[k] * g[j], before[n_pairs(k) + j], numbers.memory)
+            new.append(dr.select(there[k] & there[j], entry, numbers.prior if j == k else 0))
+    return new
+
+
 def _solved(products: list, u: list, damping: float) -> list:
-    """(1 + λ) (C + λ I)⁻¹ u, with C of the products, by its factors L D Lᵀ."""
+    """(1 + λ) (C + λ I)⁻¹ u with C_kj = S_kj / √(S_kk S_jj), by the factors L D Lᵀ of C + λ I: L z = u row by row as
+    these are found, then Lᵀ x = D⁻¹ z from the last row on."""
     d = len(u)
     own = [products[n_pairs(k) + k] for k in range(d)]
     scale = [dr.select(square > 0, dr.rsqrt(square), 0) for square in own]

@@ -11,6 +11,8 @@ that take no more bytes, and it misses the best within the budget by less than t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 
@@ -29,39 +31,57 @@ def allocate(values: np.ndarray, prices: np.ndarray, budget: float) -> np.ndarra
         raise ValueError(f"allocate: the budget is {budget}, expected at least 0")
     if values.ndim != 2 or np.any(values[:, :1] != 0) or np.any(prices[:, :1] != 0) or np.any(prices[:, 1:] <= 0):
         raise ValueError("allocate: the first option is worth 0 for 0 bytes, all others have a positive price")
-    n = len(values)
-    everyone = np.arange(n)
-
-    def chosen(byte_price: float) -> np.ndarray:
-        """Of equally good options the cheapest."""
-        net = values - byte_price * prices
-        best = net >= net.max(axis=1, keepdims=True)
-        return np.where(best, prices, np.inf).argmin(axis=1)
-
-    def bytes_of(choice: np.ndarray) -> float:
-        return float(prices[everyone, choice].sum())
-
-    most = chosen(0.0)
-    if n == 0 or bytes_of(most) <= budget:
+    options = _Options(values, prices)
+    most = options.chosen(0.0)
+    if len(most) == 0 or options.bytes_of(most) <= budget:
         return most
-    ratios = values[:, 1:] / prices[:, 1:]
+    too_low, enough = options.prices_around(budget)
+    return options.filled_up(options.chosen(enough), options.chosen(too_low), budget)
 
-    def price_of(bits: int) -> float:
-        """The bits of positive floats are in their order: bisection ends at two neighbours."""
-        return float(np.array(bits).view(np.float64))
 
-    low, high = 0, int(np.array(ratios.max(initial=0), np.float64).view(np.int64)) + 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if bytes_of(chosen(price_of(middle))) <= budget:
-            high = middle
-        else:
-            low = middle
-    choice, more = chosen(price_of(high)), chosen(price_of(low))
-    # increments of one gain per byte, which do not all fit: as many as do
-    tied = np.flatnonzero(choice != more)
-    added = prices[tied, more[tied]] - prices[tied, choice[tied]]
-    order = np.argsort(added, kind="stable")
-    bought = tied[order[bytes_of(choice) + np.cumsum(added[order]) <= budget]]
-    choice[bought] = more[bought]
-    return choice
+@dataclass(frozen=True)
+class _Options:
+    values: np.ndarray  # [N, options]
+    prices: np.ndarray  # the same, bytes
+
+    def chosen(self, byte_price: float) -> np.ndarray:
+        """[N] what each primitive takes at a price λ of a byte; of equally good options the cheapest."""
+        net = self.values - byte_price * self.prices
+        best = net >= net.max(axis=1, keepdims=True)
+        return np.where(best, self.prices, np.inf).argmin(axis=1)
+
+    def price_of(self, choice: np.ndarray) -> np.ndarray:
+        """[N] bytes."""
+        return self.prices[np.arange(len(choice)), choice]
+
+    def bytes_of(self, choice: np.ndarray) -> float:
+        return float(self.price_of(choice).sum())
+
+    def prices_around(self, budget: float) -> tuple[float, float]:
+        """(the highest price of a byte at which the choice takes more than the budget, the lowest at which it fits).
+
+        The bits of positive floats are in their order: bisection ends at two neighbours.
+        """
+        ratios = self.values[:, 1:] / self.prices[:, 1:]
+        low, high = 0, int(np.array(ratios.max(initial=0), np.float64).view(np.int64)) + 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            if self.bytes_of(self.chosen(_float_of(middle))) <= budget:
+                high = middle
+            else:
+                low = middle
+        return _float_of(low), _float_of(high)
+
+    def filled_up(self, choice: np.ndarray, more: np.ndarray, budget: float) -> np.ndarray:
+        """``choice`` with as much of ``more`` as fits, where increments of one gain per byte do not all fit."""
+        tied = np.flatnonzero(choice != more)
+        added = self.price_of(more)[tied] - self.price_of(choice)[tied]
+        order = np.argsort(added, kind="stable")
+        bought = tied[order[self.bytes_of(choice) + np.cumsum(added[order]) <= budget]]
+        choice = choice.copy()
+        choice[bought] = more[bought]
+        return choice
+
+
+def _float_of(bits: int) -> float:
+    return float(np.array(bits).view(np.float64))

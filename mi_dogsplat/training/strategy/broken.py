@@ -19,7 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.geometry import Cutoffs
-from ...engine.project import NO_ROW
+from ...engine.rows import NO_ROW
 from ...scene.row_groups import CURVATURES, PLANES, SLOPES
 from ...scene.sh_basis import C0
 from ..optimizer.group_rows import SPARSE_ROW
@@ -42,26 +42,10 @@ def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
     Args:
         extent: radius of the camera positions, world units.
     """
-    params, splat = optimizer.params, dr.arange(mi.UInt32, optimizer.n)
-    nobody = dr.full(mi.UInt32, NO_ROW, 1)
-    brightest = MAX_RADIANCE if optimizer.curve else MAX_COLOR
-    colors = dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), brightest / C0) | dict.fromkeys(OF_COLORS, brightest)
-    limits = {"log_scales": math.log(MAX_SCALE * extent), **colors, **dict.fromkeys(NORMALS, MAX_NORMAL)}
+    params, limits = optimizer.params, _limits(optimizer, extent)
     sound, of_groups = dr.full(mi.Bool, True, optimizer.n), []
-    for name, values in optimizer.adam.items():
-        if name in SPARSE_ROW:
-            index = params.get(SPARSE_ROW[name], nobody)
-            active = index != NO_ROW
-        elif name in SH_INDEX:
-            index, active = dr.arange(mi.UInt32, dr.width(params[SH_INDEX[name]])), True
-        else:
-            index, active = splat, True
-        fine = mi.Bool(True)
-        for k in range(optimizer.row_size[name]):
-            value = dr.gather(mi.Float, dr.detach(values), dr.fma(index, optimizer.row_size[name], k), active)
-            fine &= dr.isfinite(value)
-            if name in limits:
-                fine &= (value if name == "log_scales" else dr.abs(value)) <= dr.opaque(mi.Float, limits[name])
+    for name in optimizer.adam:
+        fine = _fine_rows(optimizer, params, name, limits.get(name))
         if name in SH_INDEX:
             of_groups.append((params[SH_INDEX[name]], fine))
         else:
@@ -70,6 +54,30 @@ def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
     for index, fine in of_groups:
         mask[index.numpy()[~fine.numpy()]] = True
     return mask
+
+
+def _limits(optimizer: SplatOptimizer, extent: float) -> dict[str, float]:
+    """By parameter, beyond which a value is broken."""
+    brightest = MAX_RADIANCE if optimizer.curve else MAX_COLOR
+    colors = dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), brightest / C0) | dict.fromkeys(OF_COLORS, brightest)
+    return {"log_scales": math.log(MAX_SCALE * extent), **colors, **dict.fromkeys(NORMALS, MAX_NORMAL)}
+
+
+def _fine_rows(optimizer: SplatOptimizer, params: dict, name: str, limit: float | None) -> mi.Bool:
+    """Whether all numbers of a row are finite and within the limit: by primitive, of bands of a mixed model by row."""
+    active = True
+    if name in SPARSE_ROW:
+        row = params.get(SPARSE_ROW[name], dr.full(mi.UInt32, NO_ROW, 1))
+        active = row != NO_ROW
+    else:
+        row = dr.arange(mi.UInt32, dr.width(params[SH_INDEX[name]]) if name in SH_INDEX else optimizer.n)
+    fine, size = mi.Bool(True), optimizer.row_size[name]
+    for k in range(size):
+        value = dr.gather(mi.Float, dr.detach(optimizer.adam[name]), dr.fma(row, size, k), active)
+        fine &= dr.isfinite(value)
+        if limit is not None:
+            fine &= (value if name == "log_scales" else dr.abs(value)) <= dr.opaque(mi.Float, limit)
+    return fine
 
 
 def drop_broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:

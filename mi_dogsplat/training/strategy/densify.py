@@ -117,26 +117,27 @@ class Densification(Strategy[DensifyStats]):
         return self.refines(t.step_count)
 
     def after_step(self, t: Training, state: DensifyStats) -> list[Event]:
-        events: list[Event] = []
-        if self.refines(t.step_count):
-            rule, full = self, None
-            if t.memory:
-                most, full = t.memory.bounded(self.max_primitives, t.optimizer.n)
-                rule = replace(self, max_primitives=most)
-            if rule.growth:
-                choice = rule.growth(t, rule, state)
-            else:
-                choice = by_gradient(rule, t.optimizer, state, t.step_count, t.extent)
-            done = grow_and_remove(t.optimizer, choice, rule.split_divisor, t.rng, rule.halves)
-            state.clear(t.optimizer.n)
-            if t.memory:
-                t.memory.give_back(t.optimizer.n)
-            events += [done] if done != Densified(0, 0, 0) else []
-            events += [full] if full and t.optimizer.n >= full.most else []
+        events = self._refine(t, state) if self.refines(t.step_count) else []
         if self.resets_opacity(t.step_count):
             self.reset_opacity(t.optimizer)
             events.append(OpacityReset())
         return events
+
+    def _refine(self, t: Training, state: DensifyStats) -> list[Event]:
+        rule, full = self, None
+        if t.memory:
+            most, full = t.memory.bounded(self.max_primitives, t.optimizer.n)
+            rule = replace(self, max_primitives=most)
+        if rule.growth:
+            choice = rule.growth(t, rule, state)
+        else:
+            choice = by_gradient(rule, t.optimizer, state, t.step_count, t.extent)
+        done = grow_and_remove(t.optimizer, choice, rule.split_divisor, t.rng, rule.halves)
+        state.clear(t.optimizer.n)
+        if t.memory:
+            t.memory.give_back(t.optimizer.n)
+        events: list[Event] = [done] if done != Densified(0, 0, 0) else []
+        return events + ([full] if full and t.optimizer.n >= full.most else [])
 
     def rearranged(self, state: DensifyStats, index: np.ndarray, fresh: np.ndarray) -> None:
         state.follow(index)

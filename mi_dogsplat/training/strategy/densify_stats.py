@@ -11,7 +11,8 @@ import numpy as np
 
 from ...engine.arrays import array_types, constant, detached
 from ...engine.parameters import device_array
-from ...engine.project import Kernels, Projection
+from ...engine.project import Projection
+from ...engine.screen_kernels import Kernels
 
 
 def radii(kernels: Kernels) -> mi.Float:

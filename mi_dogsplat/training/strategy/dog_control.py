@@ -14,7 +14,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...engine.project import NO_ROW, softplus
+from ...engine.activations import softplus
+from ...engine.rows import NO_ROW
 from ..events import DogActivated, Event
 from ..milestones import scaled_milestone
 from ..optimizer.splat_optimizer import SplatOptimizer

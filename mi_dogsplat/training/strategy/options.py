@@ -11,7 +11,7 @@ raise its price.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -120,27 +120,40 @@ class Options:
 
     def chosen(self, prices: Prices, budget: float) -> Chosen:
         """What gains most for its bytes in a file of at most ``budget`` bytes, as far as prices tell."""
-        n, highest = self.by_degree.shape[0], self.by_degree.shape[1] - 1
-        plain = np.full((n, DEGREES), -np.inf)
-        plain[:, : highest + 1] = self.removal[:, None] - self.by_degree
-        plain[np.arange(DEGREES) > self.degrees[:, None]] = -np.inf
-        values, bytes_of = plain, np.array(prices.bands)
-        own = prices.rows[SHIFTS] * self.shifted  # [N] bytes of what stays with a primitive: no option, but dearer ones
         free = [group for group, rows in self.rows.items() if not rows.stay]
-        for group, rows in self.rows.items():
-            price = max(prices.rows[group], 1e-9)
-            if group not in free:
-                own = own + price * rows.has
-                continue
-            having = np.where(rows.has[:, None], values, -np.inf)
-            values = np.concatenate([values - rows.without[:, None], having], axis=1)
-            bytes_of = np.concatenate([bytes_of, bytes_of + price])
-        values, bytes_of = np.concatenate([np.zeros((n, 1)), values], axis=1), np.append(0.0, bytes_of)
-        if own.any():
-            bytes_of = bytes_of + np.outer(own, bytes_of > 0)  # [N, options]
+        values, bytes_of = self._table(prices, free)
         choice = allocate(values, bytes_of, max(0.0, budget - prices.fixed))
         kept = np.flatnonzero(choice)
         what = choice[kept] - 1  # degree, and DEGREES << k if it keeps its row of the k-th group that is free
         rows = {group: np.flatnonzero(self.rows[group].has[kept]) for group in self.rows}
         rows |= {group: np.flatnonzero(what // (DEGREES << k) % 2) for k, group in enumerate(free)}
         return Chosen(kept, what % DEGREES, rows)
+
+    def _table(self, prices: Prices, free: Sequence[RowGroup]) -> tuple[np.ndarray, np.ndarray]:
+        """(values [N, options], bytes [options] or [N, options]), as ``allocate`` takes them: to go, then each degree,
+        then for each group that is ``free`` all of these again with its row kept."""
+        n, highest = self.by_degree.shape[0], self.by_degree.shape[1] - 1
+        values, bytes_of = np.full((n, DEGREES), -np.inf), np.array(prices.bands)
+        values[:, : highest + 1] = self.removal[:, None] - self.by_degree
+        values[np.arange(DEGREES) > self.degrees[:, None]] = -np.inf
+        for group in free:
+            rows = self.rows[group]
+            having = np.where(rows.has[:, None], values, -np.inf)
+            values = np.concatenate([values - rows.without[:, None], having], axis=1)
+            bytes_of = np.concatenate([bytes_of, bytes_of + _price(prices, group)])
+        values, bytes_of = np.concatenate([np.zeros((n, 1)), values], axis=1), np.append(0.0, bytes_of)
+        own = self._bytes_that_stay(prices, free)
+        return values, bytes_of + np.outer(own, bytes_of > 0) if own.any() else bytes_of
+
+    def _bytes_that_stay(self, prices: Prices, free: Sequence[RowGroup]) -> np.ndarray:
+        """[N] of rows that stay with a primitive: no option, but dearer ones."""
+        own = prices.rows[SHIFTS] * self.shifted
+        for group, rows in self.rows.items():
+            if group not in free:
+                own = own + _price(prices, group) * rows.has
+        return own
+
+
+def _price(prices: Prices, group: RowGroup) -> float:
+    """Bytes of a row; above 0, as ``allocate`` needs it."""
+    return max(prices.rows[group], 1e-9)

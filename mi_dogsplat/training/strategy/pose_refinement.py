@@ -108,9 +108,7 @@ class PoseRefinement(Strategy[Poses]):
 
     def _step(self, t: Training, state: Poses) -> None:
         """Move all views by the gradients of a turn, and begin the next one. Waits for the device."""
-        by_pose = state.gradient.numpy().astype(np.float64).reshape(-1, 6) / state.counts[:, None]
-        by_pose[~np.isfinite(by_pose).all(axis=1)] = 0
-        gradient = motion_gradient(state.given, state.motions, t.extent, by_pose)
+        gradient = _gradient_of_turn(t, state)
         if not state.turns:
             state.slopes, state.scales = _slopes(t), _scales(t)
             state.scales /= state.slopes[:, None, None]
@@ -118,21 +116,37 @@ class PoseRefinement(Strategy[Poses]):
         state.counts = np.zeros_like(state.counts)
         state.turns += 1
         state.mean = self.memory * state.mean + (1 - self.memory) * gradient
-        steps = max(t.steps - self.start, 1)
-        turns = max(steps * t.optimizer.learning_rates.batch_views / len(gradient), 1.0)
-        rate = min(self.reach / turns * math.log(1 / self.fall) / (1 - self.fall), self.largest)
-        fall = self.fall ** min((t.step_count - self.start) / steps, 1.0)
-        mean = state.mean / (1 - self.memory**state.turns)
-        asked = np.einsum("vij,vj->vi", state.scales, mean)  # motions, for a step size of 1
-        loud = np.sqrt(np.maximum(np.einsum("vi,vi->v", mean, asked) / state.slopes, 1e-30))  # [V]
-        heard = np.maximum(1 - self.quiet / loud, 0)
-        change = fall * (rate * heard[:, None] * asked + self.pull * state.motions)
+        first, fallen = self._step_size(t, len(gradient))
+        change = fallen * (self._heard(state, first) + self.pull * state.motions)
         state.motions = without_common(state.motions - change, common_motions(state.given, t.extent))
         self._move_cameras(t, state)
+
+    def _step_size(self, t: Training, views: int) -> tuple[float, float]:
+        """(The first one, what is left of it now). It falls to ``fall`` exponentially, and all of a run add up to
+        ``reach``: that is turns x first x (1 - fall) / ln(1 / fall)."""
+        steps = max(t.steps - self.start, 1)
+        turns = max(steps * t.optimizer.learning_rates.batch_views / views, 1.0)
+        first = min(self.reach / turns * math.log(1 / self.fall) / (1 - self.fall), self.largest)
+        return first, self.fall ** min((t.step_count - self.start) / steps, 1.0)
+
+    def _heard(self, state: Poses, step_size: float) -> np.ndarray:
+        """[V, 6] motions that the gradients ask for; less by what they ask for where poses are right, too."""
+        mean = state.mean / (1 - self.memory**state.turns)  # it began with zero, as in Adam
+        asked = np.einsum("vij,vj->vi", state.scales, mean)  # for a step size of 1
+        loud = np.sqrt(np.maximum(np.einsum("vi,vi->v", mean, asked) / state.slopes, 1e-30))  # [V]
+        heard = np.maximum(1 - self.quiet / loud, 0)
+        return step_size * heard[:, None] * asked
 
     def _move_cameras(self, t: Training, state: Poses) -> None:
         for view, w2c in enumerate(moved_w2c(state.given, state.motions, t.extent)):
             t.photographs.move(view, w2c)
+
+
+def _gradient_of_turn(t: Training, state: Poses) -> np.ndarray:
+    """[V, 6] by the motions; 0 of a view that has one that is not finite."""
+    by_pose = state.gradient.numpy().astype(np.float64).reshape(-1, 6) / state.counts[:, None]
+    by_pose[~np.isfinite(by_pose).all(axis=1)] = 0
+    return motion_gradient(state.given, state.motions, t.extent, by_pose)
 
 
 def _scales(t: Training) -> np.ndarray:

@@ -160,19 +160,10 @@ class PruningScheduler:
             p.finished = True
             return Decision(False, n, f"{n} {self.unit} are left, the target is {p.n_target}")
 
-        closing, reason = step >= rule.stop, "every check prunes"
-        if closing:
-            reason = "the window closes"
-        elif p.round == 0:
-            reason = "first check"
-        elif l1 is not None:
-            waited, recovered = due - p.previous_step, l1 <= rule.beta * p.previous_l1
-            reason = f"L1 {l1:.4g} {'<=' if recovered else '>'} {rule.beta:g} x {p.previous_l1:.4g}"
-            if not recovered and waited < rule.max_interval:
-                return Decision(False, n, reason)
-            if not recovered:
-                reason = f"forced by {waited} steps since the last prune, {reason}"
-
+        closing = step >= rule.stop
+        prunes, reason = (True, "the window closes") if closing else self._judged(due, l1)
+        if not prunes:
+            return Decision(False, n, reason)
         p.round += 1
         p.previous_step = due
         if l1 is not None:
@@ -183,8 +174,21 @@ class PruningScheduler:
             reason += f", round {p.round} meets the target"
         return Decision(True, keep, reason)
 
+    def _judged(self, due: int, l1: float | None) -> tuple[bool, str]:
+        """(whether to prune at a check within the window, due at that step; why): RIR."""
+        rule, p = self.rule, self.progress
+        if p.round == 0:
+            return True, "first check"
+        if l1 is None:
+            return True, "every check prunes"
+        waited, recovered = due - p.previous_step, l1 <= rule.beta * p.previous_l1
+        reason = f"L1 {l1:.4g} {'<=' if recovered else '>'} {rule.beta:g} x {p.previous_l1:.4g}"
+        if recovered or waited < rule.max_interval:
+            return recovered, reason
+        return True, f"forced by {waited} steps since the last prune, {reason}"
+
     def _keep(self, n: int) -> int:
-        """What the current round leaves of ``n``; it removes at least one."""
+        """What the current round leaves of ``n``, DPRA; it removes at least one."""
         rule, p = self.rule, self.progress
         if p.round == rule.rounds:
             return p.n_target

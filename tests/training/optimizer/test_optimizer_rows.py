@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.engine.parameters import RAW_DOG
-from mi_dogsplat.engine.project import NO_ROW
+from mi_dogsplat.engine.rows import NO_ROW
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from small_optimizer import RATES, assert_same, moments, random_model, run

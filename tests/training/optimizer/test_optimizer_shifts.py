@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import NO_ROW
+from mi_dogsplat.engine.rows import NO_ROW
 from mi_dogsplat.scene.row_groups import SHIFTS
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.strategy.broken import broken

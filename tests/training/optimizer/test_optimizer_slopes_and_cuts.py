@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import NO_ROW
+from mi_dogsplat.engine.rows import NO_ROW
 from mi_dogsplat.scene.kinds import COUNTED
 from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, OWN_AXES, PLANES, SECOND_CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.sh_basis import C0

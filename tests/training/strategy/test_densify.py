@@ -7,7 +7,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from launches import KernelWatch
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.device_camera import DeviceCamera
+from mi_dogsplat.engine.project import project
 from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
