@@ -24,16 +24,16 @@ FOR_SCENES = {
 def add_scene_flags(parser: argparse.ArgumentParser) -> None:
     """How a scene is drawn (``SceneOptions``)."""
     parser.add_argument(
-        "--spp", type=int, default=0, metavar="N", help="samples per pixel of a scene (default: 0, as the scene says)"
+        "--spp", type=int, default=0, metavar="N", help="samples per pixel of a scene (default: 0: what the scene says)"
     )
     parser.add_argument(
-        "-s", "--sensor", type=int, default=0, metavar="N", help="which sensor of a scene, from 0 (default: 0)"
+        "-s", "--sensor", type=int, default=0, metavar="N", help="sensor of a scene, counted from 0 (default: 0)"
     )
     parser.add_argument(
-        "-D", "--define", action="append", default=[], metavar="NAME=VALUE", help="a parameter, $NAME, of a scene"
+        "-D", "--define", action="append", default=[], metavar="NAME=VALUE", help="set $NAME, a parameter of a scene"
     )
     parser.add_argument(
-        "--denoise", action="store_true", help="smooth the noise of a scene's light paths (Open Image Denoise)"
+        "--denoise", action="store_true", help="remove the noise of a scene's light paths (by Open Image Denoise)"
     )
 
 

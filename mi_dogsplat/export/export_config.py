@@ -11,15 +11,16 @@ from ..support.settings import Setting, check_settings, refuse
 
 SMALL_GRIDS = {"SPZ": "spz", "SOG": "sog"}  # of the formats that have coarse grids, their names there
 
-DOG = "DoG: bake (nearest Gaussians), drop (their primaries alone), or keep where the format knows them"
-SLOPES = "colours that vary over their primitive: drop (mean colours, the nearest), or keep where the format knows them"
-CUTS = "primitives that a plane cuts off: drop (nearest whole ones), or keep where the format knows them"
-SHIFTS = "places that depend on the view: drop (mean places), or keep where the format knows them"
-SPZ_VERSION = "version of an .spz: 3 or 4"
-SMALL = "SPZ, SOG: coarse grids and a palette, half the bytes or less; refined to lose little"
-REFINE = "steps that make up for what is left out, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
-MASKS = "folder of masks, named as the images of --data: black pixels are neither refined towards nor measured"
-VIEWS = "measure the loss on at most so many views; 0: on none"
+KEEP = "keep (for formats that can hold them)"
+DOG = f"what becomes of DoG: bake (the nearest Gaussians), drop (only their primaries), or {KEEP}"
+SLOPES = f"what becomes of colours that vary over a primitive: drop (mean colours remain), or {KEEP}"
+CUTS = f"what becomes of planes that cut primitives off: drop (the nearest whole primitives), or {KEEP}"
+SHIFTS = f"what becomes of places that depend on the view: drop (mean places remain), or {KEEP}"
+SPZ_VERSION = "version of an .spz file: 3 or 4"
+SMALL = "for SPZ and SOG: half the bytes or less, by coarse grids and a palette, for which the model is refined"
+REFINE = "steps of refinement after something was left out, 10 to 100 ms each on a CPU; 0: none (default: 300 to 1000)"
+MASKS = "folder of masks, named like the images of --data; black pixels count neither in refinement nor in measures"
+VIEWS = "measure the loss on at most this many views; 0: not at all"
 
 
 @dataclass(frozen=True)

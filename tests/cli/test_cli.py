@@ -234,9 +234,9 @@ def test_the_help_of_a_command_shows_examples_that_parse(capsys, command, monkey
 def test_only_what_takes_a_run_folder_speaks_of_its_settings(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "300")
     texts = {command: run(capsys, command, "--help")[1] for command in COMMANDS}
-    told = {command for command, text in texts.items() if "of a run folder, as it was trained" in text}
+    told = {command for command, text in texts.items() if "for a run folder: as in its training" in text}
     assert told == {"film", "view"}
-    assert "auto: grey" in texts["simplify"] and "images with alpha" not in texts["simplify"]
+    assert "auto, which is grey" in texts["simplify"] and "images with alpha" not in texts["simplify"]
 
 
 def test_the_help_of_the_program_names_every_command_a_first_run_and_exit_codes(capsys):
