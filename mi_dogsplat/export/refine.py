@@ -3,7 +3,7 @@
 With a data set these are its photographs, from its training views: so the export loses least of what counts, and may
 gain a little on the model. Without one they are renders of the DoG model itself, from around it and from free places
 inside (``render/vantages.py``). Such views need not be like those that the model was trained for, so that the steps are
-fewer and smaller. Which pictures and which steps: docs/export.md.
+fewer and smaller. Which pictures and which steps: docs/export_details.md.
 """
 
 from __future__ import annotations
