@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from ..render.scene_to_draw import SceneOptions
 
 FOR_SCENES = {
-    "spp": ("a model alone is drawn with one sample", "make a scene .xml for more"),
-    "denoise": ("a model alone has no noise", "leave it out"),
-    "sensor": ("a model alone has none", "leave it out"),
-    "define": ("is for parameters of a scene", "leave it out"),
+    "spp": ("a model is drawn with one sample", "leave it out, or render a scene .xml"),
+    "denoise": ("a model has no noise", "leave it out"),
+    "sensor": ("a model has no sensors", "leave it out"),
+    "define": ("is only for parameters of a scene", "leave it out"),
 }
 
 
@@ -49,7 +49,7 @@ def scene_options(args: argparse.Namespace, of_models: Sequence[str]) -> SceneOp
     for name in of_models:
         if getattr(args, name) != getattr(PictureOptions(), name, None):
             flag = f"--{name.replace('_', '-')}"
-            raise DataError(flag, "is for models: a scene says by itself what is drawn, and how", "leave it out")
+            raise DataError(flag, "is only for models; a scene says itself how it is drawn", "leave it out")
     return SceneOptions(args.spp, args.denoise, args.sensor, dict(_definition(text) for text in args.define))
 
 
@@ -64,5 +64,5 @@ def _definition(text: str) -> tuple[str, str]:
     """(name, value) of ``NAME=VALUE``."""
     name, equals, value = text.partition("=")
     if not (name and equals):
-        raise DataError("--define", f'"{text}" is no NAME=VALUE', "give one, as -D spp=16")
+        raise DataError("--define", f'"{text}" is not NAME=VALUE', "write it like -D spp=16")
     return name, value

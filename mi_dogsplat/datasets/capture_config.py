@@ -66,11 +66,12 @@ class CaptureConfig:
         if min(self.size) < 1:
             refuse("size", f"{self.size[0]} x {self.size[1]} has no pixels", "use at least 1 x 1")
         if self.elevations and not -90 <= self.elevations[0] <= self.elevations[1] <= 90:
-            refuse("elevations", f"{self.elevations[0]:g} {self.elevations[1]:g} is no band", "ascend within -90 to 90")
+            low, high = self.elevations
+            refuse("elevations", f"{low:g} {high:g} is not a range", "give the lower one first, within -90 to 90")
         if self.elevations and self.elevations[0] == self.elevations[1] and abs(self.elevations[0]) == 90:
-            refuse("elevations", "all cameras would stand at the pole", "use a band")
+            refuse("elevations", "all cameras would stand at the pole", "use a range of elevations")
         if self.center and not all(map(math.isfinite, self.center)):
-            refuse("center", f"{self.center} is no point", "use three numbers")
+            refuse("center", f"{self.center} is not a point", "use three numbers")
         self._refuse_what_is_not_used()
 
     @property

@@ -39,9 +39,9 @@ def check_world(up: str | None, scale: tuple[str, str, str] | None, unit: float 
         except ValueError as error:
             refuse("up", str(error), "use x, y, z, -x, -y or -z, or three numbers as 0.1,-0.9,0.4")
     if scale is not None and not 0 < metres(scale) < math.inf:
-        refuse("scale", f'"{scale[2]}" is no length', "use a number above 0")
+        refuse("scale", f'"{scale[2]}" is not a length', "use a number above 0")
     if scale is not None and unit is not None:
-        refuse("scale", "measures what --unit says already", "leave one of them out")
+        refuse("scale", "says the same as --unit", "leave one of them out")
 
 
 def metres(scale: tuple[str, str, str]) -> float:

@@ -40,7 +40,7 @@ class CleanConfig:
         check_settings(self)
         for name in ("box", "sphere"):
             if (numbers := getattr(self, name)) and not all(map(math.isfinite, numbers)):
-                refuse(name, f"{_listed(numbers)} is no place", "use finite numbers")
+                refuse(name, f"{_listed(numbers)} is not a place", "use finite numbers")
         if self.box:
             wrong = [axis for axis, low, high in zip("xyz", self.box[:3], self.box[3:], strict=True) if low > high]
             if wrong:

@@ -36,14 +36,14 @@ class SimplifyConfig:
             refuse("size", f"{self.size[0]} x {self.size[1]} is too small", "use at least 16 x 16")
         self._number()
         if self.dog and self.steps < 2:
-            refuse("dog", f"{counted(self.steps, 'step')} can fit none", "use --steps 2 or more")
+            refuse("dog", f"{counted(self.steps, 'step')} cannot fit DoG", "use --steps 2 or more")
 
     def count(self, n: int) -> int:
         """How many primitives the target is of ``n``. Raises ``DataError`` for none, or not fewer."""
         try:
             return target_count(self._number(), n)
         except ValueError as error:
-            refuse("target", str(error), "use one that leaves some, and fewer than there are")
+            refuse("target", str(error), "use one that leaves some primitives, but not all")
 
     def _number(self) -> float:
         """A ratio below 1, or a whole number. Raises ``DataError``."""
@@ -52,4 +52,4 @@ class SimplifyConfig:
                 return float(target)
         except ValueError:
             pass
-        refuse("target", f"{self.target} is no target", "use a ratio below 1 (0.1, 10%) or a whole number (20000)")
+        refuse("target", f"{self.target} is not a target", "use a ratio below 1 (0.1, 10%) or a whole number (20000)")

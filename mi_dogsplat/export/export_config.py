@@ -43,14 +43,14 @@ class ExportConfig:
     def require_room(self, chosen: Format, upright: bool) -> None:
         """Raise ``DataError`` for what the format has no room for; ``upright``: whether the model is to be turned."""
         if self.dog == "keep" and not chosen.dog:
-            refuse("dog", f"{chosen.name} has no room for DoG to keep", "use bake or drop")
+            refuse("dog", f"{chosen.name} cannot hold DoG", "use bake or drop")
         for name, how in {"slopes": self.slopes, "cuts": self.cuts, "shifts": self.shifts}.items():
             if how == "keep" and not getattr(chosen, name):
-                refuse(name, f"{chosen.name} has no room for them", "use drop")
+                refuse(name, f"{chosen.name} cannot hold them", "use drop")
         if self.spz_version != SPZ_VERSIONS[0] and chosen.name != "SPZ":
             refuse("spz_version", f"{chosen.name} has no versions", "leave it out, or name a file that ends in .spz")
         if self.small and chosen.name not in SMALL_GRIDS:
-            refuse("small", f"{chosen.name} has no codes that compress", "name a file that ends in .spz or .sog")
+            refuse("small", f"{chosen.name} has no grids to make coarser", "name a file that ends in .spz or .sog")
         if self.small and upright:
             remedy = "make it upright first: dogsplat clean MODEL -o UPRIGHT.ply --upright"
-            refuse("upright", "the grids of a small file are for the model as it lies", remedy)
+            refuse("upright", "a small file is refined for the axes of the model", remedy)

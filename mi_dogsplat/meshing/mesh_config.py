@@ -36,7 +36,7 @@ class MeshConfig:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.texture is not None and self.faces is None:
-            refuse("texture", "needs few triangles", "give --faces, 20000 for instance, as well")
+            refuse("texture", "needs few triangles", "also give --faces, for instance 20000")
         if not 16 <= min(self.size) <= max(self.size) <= 16_384:
             refuse("size", f"{self.size[0]} x {self.size[1]} is out of range", "use 16 to 16384 pixels")
 

@@ -59,7 +59,7 @@ class PictureOptions:
     def require_for(self, linear: bool) -> None:
         """Raise ``DataError`` for a white that pictures of a model, ``linear`` or not, do not go by."""
         if self.white is not None and not linear:
-            problem = "is of linear radiance, and the colours of the model are sRGB values"
+            problem = "is for linear radiance, but the model has sRGB colours"
             refuse("white", problem, "leave it out, or add --linear")
 
     def require_use(self, images: bool, pictures: bool) -> None:
@@ -68,7 +68,7 @@ class PictureOptions:
         if self.shrink > 1 and not images:
             refuse("downscale", "there are no images to shrink", "leave it out")
         if self.background not in (None, "auto") and not pictures:
-            refuse("background", "no picture is drawn that has one", "leave it out")
+            refuse("background", "no picture with a background is drawn", "leave it out")
 
     def or_trained(self, trained: Mapping[str, Any]) -> PictureOptions:
         """With the downscale and background of a run that was ``trained`` with these settings, where none is said."""

@@ -91,7 +91,7 @@ def _posed(config: TrainConfig, run: Path) -> TrainConfig:
     require_input(Path(config.data))
     prepare_folder(run)
     out = run / POSED
-    say(f"{config.data} has no cameras: finding its poses, into {out}")
+    say(f"{config.data} has no cameras: finding poses first, in {out}")
     try:
         search_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
     finally:
