@@ -150,7 +150,7 @@ def test_the_page_needs_nothing_but_itself_and_has_every_plot_and_a_crop_of_ever
     assert all([line[0] for line in found] == ["method", *labels] for found in (numbers, *others)) and len(others) == 3
     columns = ("label", "source", "deviations")
     assert sources_of == [[" ".join(row[name].split()) for name in columns] for row in table["methods"].values()]
-    assert "its schedule and its step sizes" in words(page) and "30.89" in words(page)
+    assert "its schedule and step sizes" in words(page) and "30.89" in words(page)
 
 
 def test_the_first_picture_is_error_against_run_time_of_all_methods_and_of_the_start(comparison):
@@ -179,10 +179,10 @@ def test_the_page_names_what_has_another_start_or_other_steps(comparison):
     others = {"mask_gaussian": "MaskGaussian", "ours_early": "ours, early", "released_40k": "released, 40,000 steps"}
     methods = alike | {name: row | {"label": label} for name, label in others.items()}
     page = " ".join(words(parsed(comparison_page(out, table | {"methods": methods}))).split())
-    assert "one densified start, except what begins at the first step: MaskGaussian; ours, early. All" in page
+    assert "one densified start, except those that begin at the first step: MaskGaussian; ours, early. All" in page
     assert "end after the same number of steps, except released, 40,000 steps. Render" in page
     page = " ".join(words(parsed(comparison_page(out, table | {"methods": alike}))).split())
-    assert "go on from one densified start. All" in page and "the same number of steps. Render" in page
+    assert "continue from one densified start. All" in page and "the same number of steps. Render" in page
 
 
 def test_the_best_compact_method_is_bold(comparison):
