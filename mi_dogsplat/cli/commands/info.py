@@ -15,7 +15,7 @@ Examples:
   dogsplat info run/                  settings and results of a run
   dogsplat info photos/               views, split, points, and whether the cameras see the points
   dogsplat info scene.xml             splats, other shapes, light and sensors of a Mitsuba scene
-  dogsplat info --features scene.xml  what its kernels compute, at what cost, and what they omit
+  dogsplat info --features scene.xml  what its kernels need, at what cost, and what they leave out
 """
 
 
@@ -24,12 +24,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = f"{MODEL_HELP}; a run folder, a data set, or a Mitsuba scene"
     parser.add_argument("file", type=Path, metavar="FILE", help=what)
     parser.add_argument(
-        "--features", action="store_true", help="say what its kernels compute, at what cost, and what they omit"
+        "--features", action="store_true", help="say what its kernels need, at what cost, and what they leave out"
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Say what a file is, with counts, ranges and problems; or what its kernels compute and what they omit."""
+    """Say what a file is, with counts, ranges and problems; or what its kernels need and what they leave out."""
     if args.features or args.file.suffix == ".xml":
         set_variant("auto")  # to count operations, to render the sensors of a scene
     if args.features:
