@@ -16,13 +16,14 @@ class DogSplatPreferences(bpy.types.AddonPreferences):
     command: StringProperty(
         name="Command dogsplat",
         subtype="FILE_PATH",
-        description="Of the package mi_dogsplat, or words: python -m mi_dogsplat. Empty: this Python, else the PATH",
+        description="Path of the command dogsplat of the package mi_dogsplat, or words such as python -m mi_dogsplat. "
+        "If empty: the package in Blender's Python, else the command on the PATH",
     )
 
     follow_vertices: BoolProperty(
         name="Splats Follow Their Points",
         default=True,
-        description="Turn and scale splats with vertices that Apply Transform, Join or edit mode moved",
+        description="Rotate and scale splats when Apply Transform, Join or edit mode moves their points",
     )
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -93,7 +93,7 @@ def pinhole_numbers(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
     """The same, for what only pinholes can be used for. Raises ``ValueError`` for all others."""
     camera = camera_numbers(scene, obj)
     if camera.orthographic:
-        problem = 'the camera "{name}" is orthographic; this takes a perspective camera'
+        problem = 'the camera "{name}" is orthographic; this needs a perspective camera'
         raise ValueError(told(problem, name=obj.name))
     if is_sheared(obj):
         raise ValueError(told('the camera "{name}" is sheared by its parents; apply their scale', name=obj.name))

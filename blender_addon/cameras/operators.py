@@ -28,16 +28,16 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
     follow_model: BoolProperty(
         name="Follow the Model",
         default=True,
-        description="Place the cameras as the active model of splats is placed, whatever the up axis and scale below",
+        description="Place the cameras like the active model, and ignore the up axis and scale below",
     )
-    up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description="Which axis of the file is up")
+    up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description="Which axis of the file points up")
     scale: FloatProperty(name="Scale", default=1.0, min=1e-6, soft_max=100.0, translation_context=OWN)
     downscale: IntProperty(
         name="Downscale",
         default=0,
         min=0,
         max=64,
-        description="Size of the pictures as a fraction of the photographs; 0: as the run was trained, else 1",
+        description="Divide the size of the photographs by this. 0: as in the training of the run, else 1",
     )
     background_images: BoolProperty(
         name="Background Images", default=True, description="Show each photograph behind its camera"
@@ -45,7 +45,7 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
     use_first: BoolProperty(
         name="Look Through the First",
         default=True,
-        description="Make the first camera active and set the resolution of the render to its",
+        description="Make the first camera active, and render in the resolution of its photograph",
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -70,7 +70,7 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
         if self.use_first:
             look_through(context.scene, objects[0])
         if bent := sum(camera.bent for camera in cameras):
-            words = "{count} cameras imported, {bent} without lens distortion: photographs fit in their middles"
+            words = "{count} cameras imported, {bent} without lens distortion: their photographs fit only in the middle"
             self.report({"WARNING"}, told(words, count=len(objects), bent=bent))
         else:
             self.report({"INFO"}, told("{count} cameras imported", count=len(objects)))

@@ -88,7 +88,7 @@ def _given(path: Path, i: int, entry: dict[str, Any]) -> Camera:
     fy, cx, cy = (float(entry.get(name, own)) for name, own in (("fy", fx), ("cx", width / 2), ("cy", height / 2)))
     size = int(width), int(height)  # of what is no number, ValueError and OverflowError
     if size != (width, height) or min(fx, fy, *size) <= 0 or not np.isfinite((fx, fy, cx, cy)).all():
-        raise ValueError("its lengths in pixels are those of no camera")
+        raise ValueError("its lengths in pixels fit no camera")
     require_pixels(cx, cy, *size)
     return Camera(f"key {i}", rigid(path, f"key {i}", entry["w2c"]), fx, fy, cx, cy, *size)
 
@@ -134,5 +134,5 @@ def _rotation(quaternion: np.ndarray) -> np.ndarray:
     """[3, 3] of x, y, z, w."""
     length = np.linalg.norm(quaternion)
     if not 0.5 < length < 2:
-        raise ValueError('"rotation" is no unit quaternion x, y, z, w')
+        raise ValueError('"rotation" is not a unit quaternion x, y, z, w')
     return rotations(quaternion[None, [3, 0, 1, 2]] / length)[0]

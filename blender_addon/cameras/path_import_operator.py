@@ -28,7 +28,7 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
     use_range: BoolProperty(
         name="Set Frame Range",
         default=True,
-        description="Let the frames of the scene begin and end with the path",
+        description="Set the first and last frame of the scene to those of the path",
         translation_context=OWN,
     )
 

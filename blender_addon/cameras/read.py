@@ -47,7 +47,7 @@ def _cameras_of_run(config_file: Path, size_of: Callable[[Path], tuple[int, int]
     remedy = "import the cameras from the data set itself"
     downscale = config.get("downscale", 1)
     if type(downscale) is not int or downscale < 1:
-        raise FileError(config_file, 'its "downscale" is no whole number above 0', remedy)
+        raise FileError(config_file, 'its "downscale" is not a whole number above 0', remedy)
     places = _places(run, str(config["data"])) if "data" in config else []
     data = next((place for place in places if place.exists()), None)
     if (run / REFINED).is_file():

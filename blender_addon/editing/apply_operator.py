@@ -37,7 +37,7 @@ def _replace(obj: bpy.types.Object, mesh: bpy.types.Mesh) -> None:
 
 
 class DOGSPLAT_OT_apply_edits(bpy.types.Operator):
-    """Delete the splats that crop, limits and painting hide, and make their tints part of the colors"""
+    """Delete the splats that crop, limits and painting hide, and make tints part of the colors"""
 
     bl_idname = "dogsplat.apply_edits"
     bl_label = "Apply Edits"

@@ -17,7 +17,7 @@ PART = "dog:part"  # which of the models that are joined a splat was of
 
 
 class DOGSPLAT_OT_join(bpy.types.Operator):
-    """Join the selected models into the active one, edits applied; missing bands of color become zero"""
+    """Join the selected models into the active one, with their edits applied. Missing SH bands become zero"""
 
     bl_idname = "dogsplat.join"
     bl_label = "Join Splats"

@@ -22,14 +22,14 @@ class DOGSPLAT_OT_add_crop(bpy.types.Operator):
 
     bl_idname = "dogsplat.add_crop"
     bl_description = (
-        "Keep the splats inside of a new object, which can be moved and animated; nothing is deleted. "
-        "Mesh takes another selected mesh, as a wire frame that renders do not show"
+        "Show only the splats inside a new object, which you can move and animate; nothing is deleted. Mesh takes "
+        "another selected mesh, and makes it a wire frame that renders do not show"
     )
     bl_label = "Add Crop"
     bl_options = {"REGISTER", "UNDO"}
 
     shape: EnumProperty(name="Shape", items=[(name.upper(), name, "") for name in SHAPES], translation_context=OWN)
-    invert: BoolProperty(name="Invert", description="Keep what is outside")
+    invert: BoolProperty(name="Invert", description="Show what is outside instead")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -85,7 +85,7 @@ def _crop_object(obj: bpy.types.Object, shape: str) -> bpy.types.Object:
 
 
 class DOGSPLAT_OT_add_limits(bpy.types.Operator):
-    """Sliders for the opacity, the size and the number of the splats that stay; nothing is deleted"""
+    """Limit the opacity, size and number of the splats that are shown; nothing is deleted"""
 
     bl_idname = "dogsplat.add_limits"
     bl_label = "Add Limits"

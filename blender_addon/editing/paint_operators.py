@@ -17,15 +17,15 @@ MODES = {"ERASE": "WEIGHT_PAINT", "TINT": "VERTEX_PAINT"}
 
 
 class DOGSPLAT_OT_paint(bpy.types.Operator):
-    """Paint on the splats with Blender's brushes, by a stand-in that has faces: weights erase, colors tint"""
+    """Paint the splats with Blender's brushes, on a stand-in that has faces: weights erase, colors tint"""
 
     bl_idname = "dogsplat.paint"
     bl_label = "Paint Splats"
     bl_options = {"REGISTER", "UNDO"}
 
     what: EnumProperty(name="What", items=(
-        ("ERASE", "Erase", "Weight paint: splats with a weight above the threshold are left out"),
-        ("TINT", "Tint", "Vertex paint: colors are multiplied by what is painted"),
+        ("ERASE", "Erase", "Weight paint: splats with a weight above the threshold are hidden"),
+        ("TINT", "Tint", "Vertex paint: colors are multiplied by the painted color"),
     ))  # fmt: skip
 
     @classmethod
@@ -59,7 +59,7 @@ class DOGSPLAT_OT_paint(bpy.types.Operator):
 
 
 class DOGSPLAT_OT_finish_painting(bpy.types.Operator):
-    """Store what was painted with the splats and remove the stand-in; painting can go on later"""
+    """Store the painting with the splats, and remove the stand-in. You can continue painting later"""
 
     bl_idname = "dogsplat.finish_painting"
     bl_label = "Finish Painting"

@@ -82,7 +82,8 @@ def check_painting(obj: bpy.types.Object) -> None:
         return
     if len(stand_in.data.vertices) != CORNERS * stand_in.data.get(SPLATS, len(stand_in.data.vertices) // CORNERS):
         problem = (
-            '"{name}" has lost or got points, so nobody knows what is painted; undo that, or delete it and its modifier'
+            '"{name}": the number of its points has changed, so its painting does not fit any more; undo that, or '
+            "delete it and its modifier"
         )
         raise ValueError(told(problem, name=stand_in.name))
     get_column(stand_in.data, TINT, 4)

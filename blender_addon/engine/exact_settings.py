@@ -24,7 +24,7 @@ class DOGSPLAT_OT_exact_settings(bpy.types.Operator):
         default=1,
         min=1,
         max=64,
-        description="1 looks at pixel centres, as splatting does; more smooths the edges of other objects",
+        description="1 samples the pixel centers, as splatting does. More samples smooth the edges of other objects",
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -33,7 +33,7 @@ from ..scene.sensor import sensor
 from ..scene.world import one_color
 from ..scene.write import has_surroundings, write_scene
 
-MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
+MIXED = "some models hold sRGB values, others radiance; the sRGB values are converted to radiance"
 COPIED = '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing'
 SHEARED = '"{name}": the picture of the camera is drawn without the shear of its parents; apply their scale'
 BEHIND = "the nodes of the world are left out; behind splats alone is its viewport color"
@@ -114,9 +114,9 @@ def make_order(
     if scene.render.use_motion_blur:
         stage.notes.append(told("motion blur is left out"))
     if obj.data.dof.use_dof and camera.orthographic:
-        stage.notes.append(told("depth of field is left out; it takes a perspective camera"))
+        stage.notes.append(told("depth of field is left out; it needs a perspective camera"))
     elif obj.data.dof.use_dof and not stage.whole:
-        stage.notes.append(told("depth of field is left out; it takes Whole Scene and Linear colors"))
+        stage.notes.append(told("depth of field is left out; it needs Whole Scene and Linear colors"))
     elif obj.data.dof.use_dof and (obj.data.dof.aperture_blades > 2 or obj.data.dof.aperture_ratio != 1):
         stage.notes.append(told("the aperture is round, whatever its blades and ratio"))
     request = {**stage.request, "passes": passes}

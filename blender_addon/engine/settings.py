@@ -22,10 +22,13 @@ class DogSplatRenderSettings(bpy.types.PropertyGroup):
     samples: IntProperty(
         name="Samples", default=64, min=1, soft_max=4096, description="Paths per pixel of a whole scene"
     )
-    bounces: IntProperty(name="Bounces", default=8, min=0, soft_max=64, description="Of light, in a whole scene")
+    bounces: IntProperty(
+        name="Bounces", default=8, min=0, soft_max=64,
+        description="How often light bounces in a whole scene",
+    )
     denoise: BoolProperty(
         name="Denoise", default=False,
-        description="Smooth the noise of a whole scene when its samples are done; splats in front stay sharp",
+        description="Remove the noise of a whole scene when all samples are done; splats in front stay sharp",
     )  # fmt: skip
     mesh_shadows: BoolProperty(
         name="Shadows on Splats", default=False,

@@ -46,7 +46,7 @@ def read_spz(path: str | Path) -> tuple[Model, bool]:
         inflate = zlib.decompressobj(16 + zlib.MAX_WBITS)
         magic, version, n, degree, bits, flags, _ = _HEADER.unpack(inflate.decompress(data, _HEADER.size))
         if magic != _MAGIC:
-            raise FileError(path, "is no SPZ file: its header does not begin with NGSP", _AGAIN)
+            raise FileError(path, "is not an SPZ file: its header does not begin with NGSP", _AGAIN)
         if version not in (1, 2, 3):
             raise FileError(path, _VERSION, "convert it to PLY", version=version)
         if degree > 4:

@@ -22,7 +22,7 @@ from .exported import said_of_all
 
 
 class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
-    """Export the selected splats as one PLY with its DoG data; what nobody changed keeps the bits of its file"""
+    """Export the selected splats as one PLY with their DoG data. Splats that nobody changed keep their bits"""
 
     bl_idname = "export_scene.dogsplat"
     bl_label = "Export DoG Splat"
@@ -31,12 +31,12 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
     filename_ext = ".ply"
     filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
     space: EnumProperty(name="Coordinates", default="FILE", items=(
-        ("FILE", "Of the File", "Undo the up axis and scale of the import, keep what was moved since then"),
+        ("FILE", "Of the File", "Undo the up axis and scale of the import, but keep later movements"),
         ("WORLD", "Of the Scene", "As the splats stand in Blender, z up"),
     ))  # fmt: skip
     hidden: BoolProperty(
         name="Hidden Splats",
-        description="Write the objects as if no crop, limit or painting were there; off: only what these show",
+        description="Ignore crop, limits and painting. If off, only what they show is written",
     )
 
     @classmethod

@@ -34,11 +34,11 @@ from ..translations import OWN
 
 SHOWN_AS = (
     ("AUTOMATIC", "Automatic", "Quads in renders, ellipsoids in the viewport"),
-    ("QUADS", "Quads", "Exact for the active camera, meaningless from elsewhere"),
-    ("ELLIPSOIDS", "Ellipsoids", "Instances that are right from everywhere"),
+    ("QUADS", "Quads", "Exact for the active camera, wrong from anywhere else"),
+    ("ELLIPSOIDS", "Ellipsoids", "Instances that look right from everywhere"),
     ("POINTS", "Points", "A point cloud: opaque and fast"),
 )
-UP_DESCRIPTION = "Which axis of the file is up; unless set here, as the file says"
+UP_DESCRIPTION = "Which axis of the file points up. If it is not set here, the file decides"
 CONVENTION = "3DGS PLY: raw values, quaternions w x y z, positions in coordinates of the file"
 
 
@@ -51,7 +51,7 @@ def ways_to_show() -> tuple[tuple[str, str, str], ...]:
 
 
 class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
-    """Import 3D Gaussian and Difference-of-Gaussians models (PLY and SPZ; with the package glTF, USD and others too)"""
+    """Import models of 3D Gaussians and Differences of Gaussians: PLY and SPZ, with the package glTF and others, too"""
 
     bl_idname = "import_scene.dogsplat"
     bl_label = "Import DoG Splat"
@@ -68,23 +68,23 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         default=1.0,
         min=1e-6,
         soft_max=100.0,
-        description="Unless set here, as the file says",
+        description="If it is not set here, the file decides",
         translation_context=OWN,
     )
     place: BoolProperty(
         name="Upright, in Metres",
         default=True,
-        description="Turn and scale as the file says; else only as it is set here",
+        description="Rotate and scale as the file says. If off, only as set here",
     )
     sh_degree: IntProperty(
         name="SH Degree",
         default=3,
         min=0,
         max=3,
-        description="View-dependent color up to this band; higher ones are not loaded",
+        description="Highest degree of view-dependent color that is loaded",
     )
     min_opacity: FloatProperty(
-        name="Minimum Opacity", default=0.0, min=0.0, max=1.0, description="Splats of a lower opacity are not loaded"
+        name="Minimum Opacity", default=0.0, min=0.0, max=1.0, description="Splats with a lower opacity are not loaded"
     )
     max_count: IntProperty(
         name="Maximum Count",
@@ -101,13 +101,14 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
     antialiased: BoolProperty(
         name="Antialiased",
         default=False,
-        description="For models that were trained with antialiasing; unless set here, as the file says",
+        description="For models that were trained with antialiasing. If it is not set here, the file decides",
     )
 
     prepare_viewports: BoolProperty(
         name="Prepare Viewports",
         default=True,
-        description="Material preview for solid shading, and no outlines of selected objects: both hide splats",
+        description="Switch solid shading to material preview, and hide the outlines of selected objects, because "
+        "both hide splats",
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

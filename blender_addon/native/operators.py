@@ -17,7 +17,7 @@ from ..preferences import command_of
 from .bake import baked
 from .convert import dog_object, drawing_of, native_object, remove_object, replace_object
 
-KEEP = "Leave the object that is converted in the file, hidden"
+KEEP = "Keep the object that is converted in the file, hidden"
 
 
 class Conversion:
@@ -53,7 +53,7 @@ class Conversion:
 
 
 class DOGSPLAT_OT_to_native(Conversion, bpy.types.Operator):
-    """Let Blender draw the selected splats itself, as plain Gaussians; what crop, limits and painting hide is gone"""
+    """Let Blender draw the selected splats itself, as plain Gaussians. What crop, limits and painting hide is gone"""
 
     bl_idname = "dogsplat.to_native"
     bl_label = "Convert to Native"
@@ -82,7 +82,7 @@ class DOGSPLAT_OT_to_native(Conversion, bpy.types.Operator):
 
 
 class DOGSPLAT_OT_to_dog(Conversion, bpy.types.Operator):
-    """Let our modifier draw the selected native splats: exactly, with their DoG, and with what was edited since"""
+    """Let the add-on draw the selected native splats: exactly, with their DoG, and with all edits made since"""
 
     bl_idname = "dogsplat.to_dog"
     bl_label = "Convert to DoG Splat"

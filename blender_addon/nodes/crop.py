@@ -44,7 +44,7 @@ def crop_tree() -> bpy.types.NodeTree:
         "Shape": {"default_value": SHAPES[0], "description": "Box and Sphere are the cube from -1 to 1 and the unit "
                   "sphere, moved, turned and scaled as the object; Mesh is the inside of a closed mesh"},
         "Object": {"description": "Its place is where splats stay; without one nothing is cropped"},
-        "Invert": {"description": "Keep what is outside"},
+        "Invert": {"description": "Show what is outside instead"},
     })  # fmt: skip
     return finish_group(tree, NAME)
 

@@ -36,7 +36,7 @@ def light(export: Export, obj: bpy.types.Object, world: np.ndarray, middle: np.n
     if not color.any() or _is_portal(data):
         return None
     if not data.use_shadow:
-        export.note('"{light}": a light without shadows casts them here', light=data.name)
+        export.note('"{light}": a light without shadows casts shadows here', light=data.name)
     if data.type == "SUN":
         return _sun(data, color * _of_size(data), world, middle, size)
     if data.type == "SPOT":

@@ -30,7 +30,7 @@ def world_light(export: Export, world: bpy.types.World | None) -> Plugin | None:
         reader.note("its volume is left out")
     rays = getattr(world, "cycles_visibility", None)
     if rays is not None and not all(getattr(rays, name) for name in RAYS):
-        reader.note("its Ray Visibility is left out")
+        reader.note("its Ray Visibility is ignored")
     source = reader.source(output.inputs["Surface"]) if output else None
     if source is None:
         return None
@@ -77,7 +77,7 @@ def one_color(world: bpy.types.World | None) -> np.ndarray | None:
 
 def _picture(reader: Reader, node: bpy.types.Node, strength: float) -> Plugin | None:
     if node.projection != "EQUIRECTANGULAR":
-        reader.note("the picture of the world is taken as equirectangular")
+        reader.note("the picture of the world is treated as equirectangular")
     name = environment(reader.export, node.image)
     if name is None:
         return None

@@ -126,7 +126,7 @@ def _note_rays(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset
         if obj.is_shadow_catcher and obj.type != "LIGHT":  # what all lights are
             export.note('"{name}": a shadow catcher is drawn as any other object', name=obj.name)
         if not all(getattr(obj, name) for name in RAYS):
-            export.note('"{name}": Ray Visibility holds for the camera alone', name=obj.name)
+            export.note('"{name}": of Ray Visibility, only Camera has an effect', name=obj.name)
         linking = obj.light_linking
         if linking.receiver_collection or linking.blocker_collection:
             export.note('"{name}": its light linking is left out', name=obj.name)

@@ -55,19 +55,24 @@ class DOGSPLAT_OT_surface_mesh(bpy.types.Operator):
         description="How fine the mesh is, in units of the object, as for Blender's Remesh; 0 is automatic",
     )
     triangles: IntProperty(
-        name="Most Triangles", default=0, min=0, description="Simplify the mesh to so many; 0 keeps all of them"
+        name="Most Triangles", default=0, min=0,
+        description="Simplify the mesh to at most this many triangles; 0 keeps all of them",
     )
     texture: IntProperty(
         name="Texture Size",
         default=0,
         min=0,
         max=16384,
-        description="Colors in a picture of so many pixels along its side; 0: one color for each vertex",
+        description="Store colors in a square picture with this many pixels along its side; 0: one color for each "
+        "vertex",
     )
-    largest: BoolProperty(name="Largest Part Only", description="Leave out all that does not hang together with it")
-    room: BoolProperty(name="For a Room", description="Look at the splats from within alone, not from around them")
+    largest: BoolProperty(
+        name="Largest Part Only",
+        description="Leave out everything that is not connected to the largest part",
+    )
+    room: BoolProperty(name="For a Room", description="Look at the splats only from inside, not from around them")
     body: BoolProperty(
-        name="Rigid Body", description="A passive one, which others collide with, of the shape of the mesh"
+        name="Rigid Body", description="Make the mesh a passive rigid body, with which others collide"
     )
 
     in_dialog = False  # whether a window waits, which is not to stand still
@@ -122,7 +127,7 @@ class DOGSPLAT_OT_surface_mesh(bpy.types.Operator):
 
 
 class DOGSPLAT_OT_stop_surface_mesh(bpy.types.Operator):
-    """Give up the surface that is being made"""
+    """Cancel the surface mesh that is being made"""
 
     bl_idname = "dogsplat.stop_surface_mesh"
     bl_label = "Stop"

@@ -15,7 +15,7 @@ INTERVAL = 0.1  # seconds between looks at the render job
 
 
 class DOGSPLAT_OT_render_views(bpy.types.Operator):
-    """Render the views of the rig into the data set; Esc stops, and the next start goes on there"""
+    """Render the views of the rig into the data set. Esc stops, and the next start continues from there"""
 
     bl_idname = "dogsplat.render_views"
     bl_label = "Render Views"

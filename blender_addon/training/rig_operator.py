@@ -22,7 +22,7 @@ LENS = ("lens", "sensor_width", "sensor_height", "sensor_fit")
 
 
 class DOGSPLAT_OT_make_cameras(bpy.types.Operator):
-    """Make the cameras of the rig, which may be moved, deleted and added to before they render"""
+    """Make the cameras of the rig. You can move, delete and add cameras before rendering"""
 
     bl_idname = "dogsplat.make_cameras"
     bl_label = "Make Cameras"

@@ -22,18 +22,19 @@ RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else se
 BANDS = {"AROUND": (0.0, 90.0), "INSIDE": (-35.0, 35.0)}  # elevations in degrees, unless they are set by hand
 SUBJECTS = (
     ("SELECTED", "Selected Objects", "What is selected when the cameras are made"),
-    ("SCENE", "Whole Scene", "All that renders show"),
+    ("SCENE", "Whole Scene", "Everything that renders show"),
     ("REGION", "Region", "What is in the box of an object, such as an empty; nothing is hidden"),
 )
 RIGS = (
-    ("AROUND", "Around", "On a sphere, all looking at its middle, as dogsplat capture has them"),
+    ("AROUND", "Around", "On a sphere, all looking at its middle, as in dogsplat capture"),
     ("INSIDE", "Inside", "Spread over the room, looking into all directions: for interiors"),
 )
 PRESETS = (
-    ("ours", "Ours", "Pruned and made DoG: the recipe of this package"),
+    ("ours", "Ours", "The recipe of this package: the model is pruned, and becomes DoG"),
     ("ours_slopes", "Ours with Slopes", "Ours, with colors that vary over their splats"),
     ("ours_cuts", "Ours with Slopes and Cuts", "Ours, with such colors, and with splats that planes cut off"),
-    ("ours_preconditioned", "Ours, Preconditioned", "With slopes, cuts, and steps that move a splat's numbers jointly"),
+    ("ours_preconditioned", "Ours, Preconditioned", "With slopes, cuts, and steps that move the numbers of a splat "
+    "together"),
     ("ours_second_cuts", "Ours with Second Cuts", "As preconditioned, and a second plane may cut off each splat"),
     ("ours_curvatures", "Ours with Curvatures", "As with second cuts, and a brightness that curves over each splat"),
     ("ours_shifts", "Ours with Shifts", "As with curvatures, and places of splats that depend on the view"),
@@ -59,7 +60,8 @@ class DogSplatTrainingSettings(bpy.types.PropertyGroup):
 
     subject: EnumProperty(name="Subject", items=SUBJECTS, default="SELECTED", translation_context=OWN)
     region: PointerProperty(
-        name="Region", type=bpy.types.Object, description="An empty, whose cube counts, or any object with a size"
+        name="Region", type=bpy.types.Object,
+        description="An empty, which marks its cube, or any object that has a size",
     )
     rig: EnumProperty(name="Cameras", items=RIGS, default="AROUND", update=_take_band, translation_context=OWN)
     views: IntProperty(
@@ -67,7 +69,7 @@ class DogSplatTrainingSettings(bpy.types.PropertyGroup):
         default=48,
         min=1,
         soft_max=400,
-        description="Training views; a sixth as many more measure how good the model is",
+        description="Number of training views. A sixth as many more are rendered to measure the model",
     )
     elevations: FloatVectorProperty(
         name="Elevations",
@@ -85,7 +87,8 @@ class DogSplatTrainingSettings(bpy.types.PropertyGroup):
         description="At 1 the subject's sphere just fits, at 2 it is twice as large",
     )
     size: IntVectorProperty(
-        name="Size", size=2, default=(400, 400), min=8, soft_max=2000, description="Of the pictures, in pixels"
+        name="Size", size=2, default=(400, 400), min=8, soft_max=2000,
+        description="Width and height of the views, in pixels",
     )
     alone: BoolProperty(
         name="Subject Alone",
@@ -95,30 +98,38 @@ class DogSplatTrainingSettings(bpy.types.PropertyGroup):
     transparent: BoolProperty(
         name="Transparent",
         default=True,
-        description="Nothing behind the subject: the model ends where it ends. Off: the world is trained too",
+        description="The views have a transparent background, so that the model has only the subject. If off, the "
+        "world is trained, too",
     )
     linear: BoolProperty(
         name="Linear (HDR)",
         default=False,
-        description="OpenEXR of linear radiance instead of PNG: highlights do not end at white",
+        description="OpenEXR of linear radiance instead of PNG: highlights are not clipped at white",
     )
     folder: StringProperty(
         name="Folder",
         subtype="DIR_PATH",
         options=RELATIVE,
         default="//dogsplat_training/{blend_name}/{scene_name}",
-        description="For the data set, in data, and the training, in run. Names of file and scene take their places",
+        description="Folder of the data set (data) and of the training (run). The names of file and scene are filled "
+        "in",
     )
     preset: EnumProperty(name="Preset", items=PRESETS, default="ours", translation_context=OWN)
-    steps: IntProperty(name="Steps", default=7000, min=10, soft_max=30_000, description="The schedule scales along")
+    steps: IntProperty(
+        name="Steps", default=7000, min=10, soft_max=30_000,
+        description="Training steps; the whole schedule is scaled to them",
+    )
     target: StringProperty(
-        name="Target", default="10%", description="What pruning leaves: a share (10%), a count (20000), or a size (2MB)"
+        name="Target", default="10%",
+        description="Size after pruning: a share (10%), a count of primitives (20000), or a size of the file (2MB)",
     )
     max_primitives: IntProperty(
-        name="At Most", default=60_000, min=0, description="Primitives at any time; 0: no limit, which takes long"
+        name="At Most", default=60_000, min=0,
+        description="Largest number of primitives during training; 0: no limit, which takes long",
     )
     hide_originals: BoolProperty(
-        name="Hide Originals", default=True, description="The model takes their place, in viewports and renders"
+        name="Hide Originals", default=True,
+        description="Hide the original objects in viewports and renders, because the model takes their place",
     )
     cameras: PointerProperty(type=bpy.types.Collection)  # of the rig
     subjects: CollectionProperty(type=DogSplatSubject)  # of the rig

@@ -28,7 +28,10 @@ class DOGSPLAT_OT_train(bpy.types.Operator):
     bl_idname = "dogsplat.train"
     bl_label = "Train"
 
-    resume: BoolProperty(name="Go On", default=False, description="From the last checkpoint, with the same settings")
+    resume: BoolProperty(
+        name="Go On", default=False,
+        description="Continue from the last checkpoint, with the same settings",
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -55,7 +58,7 @@ class DOGSPLAT_OT_train(bpy.types.Operator):
 
 
 class DOGSPLAT_OT_stop_training(bpy.types.Operator):
-    """Save a checkpoint and stop; Go On Training continues there"""
+    """Save a checkpoint and stop; Go On Training continues from there"""
 
     bl_idname = "dogsplat.stop_training"
     bl_label = "Stop Training"

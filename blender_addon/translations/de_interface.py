@@ -63,14 +63,14 @@ REST = {
     "Y": "Y",
     "-Y": "-Y",
     # Import
-    "Import 3D Gaussian and Difference-of-Gaussians models (PLY and SPZ; with the package glTF, USD and others too)": (
-        "Modelle aus 3D-Gauß-Splats und Differenzen von Gauß-Funktionen importieren (PLY und SPZ; mit dem Paket auch "
-        "glTF, USD und andere)"
+    "Import models of 3D Gaussians and Differences of Gaussians: PLY and SPZ, with the package glTF and others, too": (
+        "Modelle aus 3D-Gauß-Splats und Differenzen von Gauß-Funktionen importieren: PLY und SPZ, mit dem Paket "
+        "auch glTF und andere"
     ),
     "Up Axis": "Oben-Achse",
-    "Which axis of the file is up": "Welche Achse der Datei nach oben zeigt",
-    "Which axis of the file is up; unless set here, as the file says": (
-        "Welche Achse der Datei nach oben zeigt; wenn hier nicht eingestellt, wie die Datei es sagt"
+    "Which axis of the file points up": "Welche Achse der Datei nach oben zeigt",
+    "Which axis of the file points up. If it is not set here, the file decides": (
+        "Welche Achse der Datei nach oben zeigt. Ist sie hier nicht eingestellt, entscheidet die Datei"
     ),
     "As in the file: for Blender, Mitsuba and instant-ngp scenes": (
         "Wie in der Datei: für Szenen von Blender, Mitsuba und instant-ngp"
@@ -80,17 +80,17 @@ REST = {
     "For models with y down, as COLMAP without orientation makes them": (
         "Für Modelle mit y nach unten, wie COLMAP sie ohne Ausrichtung erzeugt"
     ),
-    "Unless set here, as the file says": "Wenn hier nicht eingestellt, wie die Datei es sagt",
+    "If it is not set here, the file decides": "Ist sie hier nicht eingestellt, entscheidet die Datei",
     "Upright, in Metres": "Aufrecht, in Metern",
-    "Turn and scale as the file says; else only as it is set here": (
-        "Drehen und skalieren, wie die Datei es sagt; sonst nur, wie es hier eingestellt ist"
+    "Rotate and scale as the file says. If off, only as set here": (
+        "Drehen und skalieren, wie die Datei es sagt. Wenn aus, nur, wie es hier eingestellt ist"
     ),
     "SH Degree": "SH-Grad",
-    "View-dependent color up to this band; higher ones are not loaded": (
-        "Blickabhängige Farbe bis zu diesem Band; höhere werden nicht geladen"
+    "Highest degree of view-dependent color that is loaded": (
+        "Höchster Grad der blickabhängigen Farbe, der geladen wird"
     ),
     "Minimum Opacity": "Kleinste Deckkraft",
-    "Splats of a lower opacity are not loaded": "Splats mit geringerer Deckkraft werden nicht geladen",
+    "Splats with a lower opacity are not loaded": "Splats mit geringerer Deckkraft werden nicht geladen",
     "Maximum Count": "Höchste Anzahl",
     "Load only the most important splats, by opacity and size; 0 loads all": (
         "Nur die wichtigsten Splats laden, nach Deckkraft und Größe; 0 lädt alle"
@@ -109,38 +109,39 @@ REST = {
     "Automatic": "Automatisch",
     "Quads in renders, ellipsoids in the viewport": "Vierecke beim Rendern, Ellipsoide im Ansichtsfenster",
     "Quads": "Vierecke",
-    "Exact for the active camera, meaningless from elsewhere": (
-        "Exakt für die aktive Kamera, von anderswo ohne Bedeutung"
+    "Exact for the active camera, wrong from anywhere else": (
+        "Exakt für die aktive Kamera, falsch von anderswo"
     ),
     "Ellipsoids": "Ellipsoide",
-    "Instances that are right from everywhere": "Instanzen, die von überall richtig aussehen",
+    "Instances that look right from everywhere": "Instanzen, die von überall richtig aussehen",
     "Points": "Punkte",
     "A point cloud: opaque and fast": "Eine Punktwolke: deckend und schnell",
     "Antialiased": "Mit Antialiasing",
-    "For models that were trained with antialiasing; unless set here, as the file says": (
-        "Für Modelle, die mit Antialiasing trainiert wurden; wenn hier nicht eingestellt, wie die Datei es sagt"
+    "For models that were trained with antialiasing. If it is not set here, the file decides": (
+        "Für Modelle, die mit Antialiasing trainiert wurden. Ist es hier nicht eingestellt, entscheidet die Datei"
     ),
     "Prepare Viewports": "Ansichtsfenster vorbereiten",
-    "Material preview for solid shading, and no outlines of selected objects: both hide splats": (
-        "Schattierung „Materialbeispiel“ statt „Massiv“, und keine „Auswahlumrandung“: beides verdeckt Splats"
+    "Switch solid shading to material preview, and hide the outlines of selected objects, because both hide splats": (
+        "Die Schattierung „Massiv“ auf „Materialbeispiel“ umstellen und die „Auswahlumrandung“ ausblenden, weil "
+        "beides Splats verdeckt"
     ),
     # Cameras
     "Import the cameras of a data set (COLMAP, transforms.json) or of a run folder": (
         "Die Kameras eines Datensatzes (COLMAP, transforms.json) oder eines Trainingsordners importieren"
     ),
     "Follow the Model": "Dem Modell folgen",
-    "Place the cameras as the active model of splats is placed, whatever the up axis and scale below": (
-        "Die Kameras so platzieren wie das aktive Splat-Modell, unabhängig von Oben-Achse und Skalierung darunter"
+    "Place the cameras like the active model, and ignore the up axis and scale below": (
+        "Die Kameras so platzieren wie das aktive Modell, ohne Oben-Achse und Skalierung darunter zu beachten"
     ),
     "Downscale": "Verkleinern",
-    "Size of the pictures as a fraction of the photographs; 0: as the run was trained, else 1": (
-        "Größe der Bilder als Bruchteil der Fotografien; 0: wie im Training, sonst 1"
+    "Divide the size of the photographs by this. 0: as in the training of the run, else 1": (
+        "Die Größe der Fotografien hierdurch teilen. 0: wie beim Training, sonst 1"
     ),
     "Background Images": "Hintergrundbilder",
     "Show each photograph behind its camera": "Jede Fotografie hinter ihrer Kamera anzeigen",
     "Look Through the First": "Durch die erste schauen",
-    "Make the first camera active and set the resolution of the render to its": (
-        "Die erste Kamera zur aktiven machen und die Auflösung des Renderings auf ihre setzen"
+    "Make the first camera active, and render in the resolution of its photograph": (
+        "Die erste Kamera zur aktiven machen und in der Auflösung ihrer Fotografie rendern"
     ),
     "Make the selected camera active, with the resolution and pixel aspect of its photograph": (
         "Die ausgewählte Kamera zur aktiven machen, mit Auflösung und Pixelseitenverhältnis ihrer Fotografie"
@@ -148,8 +149,8 @@ REST = {
     "Import the key frames of dogsplat film as an animated camera": (
         "Die Schlüsselbilder von dogsplat film als animierte Kamera importieren"
     ),
-    "Let the frames of the scene begin and end with the path": (
-        "Die Einzelbilder der Szene mit dem Pfad beginnen und enden lassen"
+    "Set the first and last frame of the scene to those of the path": (
+        "Das erste und letzte Einzelbild der Szene auf die des Pfads setzen"
     ),
     "Export the scene's camera, frame by frame, in the coordinates of the model: for dogsplat film --path": (
         "Die Kamera der Szene Bild für Bild in den Koordinaten des Modells exportieren: für dogsplat film --path"
@@ -157,62 +158,60 @@ REST = {
     "Step": "Schritt",
     "Frames from one key to the next": "Einzelbilder von einem Schlüsselbild zum nächsten",
     # Export
-    "Export the selected splats as one PLY with its DoG data; what nobody changed keeps the bits of its file": (
-        "Die ausgewählten Splats als ein PLY mit DoG-Daten exportieren; was niemand geändert hat, behält die Bits "
-        "seiner Datei"
+    "Export the selected splats as one PLY with their DoG data. Splats that nobody changed keep their bits": (
+        "Die ausgewählten Splats als ein PLY mit ihren DoG-Daten exportieren. Splats, die nicht geändert wurden, "
+        "behalten die Bits ihrer Datei"
     ),
     "Coordinates": "Koordinaten",
     "Of the File": "Der Datei",
-    "Undo the up axis and scale of the import, keep what was moved since then": (
-        "Oben-Achse und Skalierung des Imports rückgängig machen, behalten, was seitdem bewegt wurde"
+    "Undo the up axis and scale of the import, but keep later movements": (
+        "Oben-Achse und Skalierung des Imports rückgängig machen, aber spätere Bewegungen behalten"
     ),
     "Of the Scene": "Der Szene",
     "As the splats stand in Blender, z up": "Wie die Splats in Blender stehen, z nach oben",
     "Hidden Splats": "Verborgene Splats",
-    "Write the objects as if no crop, limit or painting were there; off: only what these show": (
-        "Die Objekte schreiben, als gäbe es keinen Zuschnitt, keine Grenzen und keine Bemalung; aus: nur, was diese "
-        "zeigen"
+    "Ignore crop, limits and painting. If off, only what they show is written": (
+        "Zuschnitt, Grenzen und Bemalung nicht beachten. Wenn aus, wird nur geschrieben, was diese zeigen"
     ),
     # Editing
     "Edit Splats": "Splats bearbeiten",
-    "Keep the splats inside of a new object, which can be moved and animated; nothing is deleted. "
-    "Mesh takes another selected mesh, as a wire frame that renders do not show": (
-        "Die Splats in einem neuen Objekt behalten, das bewegt und animiert werden kann; nichts wird gelöscht. Mesh "
-        "nimmt ein anderes ausgewähltes Mesh, als Drahtgitter, das beim Rendern nicht erscheint"
+    "Show only the splats inside a new object, which you can move and animate; nothing is deleted. Mesh takes another "
+    "selected mesh, and makes it a wire frame that renders do not show": (
+        "Nur die Splats in einem neuen Objekt zeigen, das bewegt und animiert werden kann; nichts wird gelöscht. Mesh "
+        "nimmt ein anderes ausgewähltes Mesh und macht es zu einem Drahtgitter, das beim Rendern nicht erscheint"
     ),
     "Shape": "Form",
     "Object": "Objekt",
     "Invert": "Invertieren",
-    "Keep what is outside": "Behalten, was außerhalb ist",
-    "Sliders for the opacity, the size and the number of the splats that stay; nothing is deleted": (
-        "Regler für Deckkraft, Größe und Anzahl der Splats, die bleiben; nichts wird gelöscht"
+    "Show what is outside instead": "Stattdessen zeigen, was außerhalb ist",
+    "Limit the opacity, size and number of the splats that are shown; nothing is deleted": (
+        "Deckkraft, Größe und Anzahl der Splats begrenzen, die gezeigt werden; nichts wird gelöscht"
     ),
     "Minimum Size": "Kleinste Größe",
     "Maximum Size": "Höchste Größe",
     "Count By": "Zählen nach",
-    "Paint on the splats with Blender's brushes, by a stand-in that has faces: weights erase, colors tint": (
-        "Mit Blenders Pinseln auf die Splats malen, über einen Stellvertreter mit Flächen: Gewichte radieren, Farben "
-        "tönen"
+    "Paint the splats with Blender's brushes, on a stand-in that has faces: weights erase, colors tint": (
+        "Die Splats mit Blenders Pinseln bemalen, auf einem Stellvertreter mit Flächen: Gewichte radieren, Farben tönen"
     ),
     "What": "Was",
     "Erase": "Radieren",
-    "Weight paint: splats with a weight above the threshold are left out": (
-        "Gewichtsmalerei: Splats mit einem Gewicht über dem Schwellwert werden weggelassen"
+    "Weight paint: splats with a weight above the threshold are hidden": (
+        "Gewichtsmalerei: Splats mit einem Gewicht über dem Schwellwert werden verborgen"
     ),
     "Tint": "Tönung",
-    "Vertex paint: colors are multiplied by what is painted": (
-        "Vertexmalerei: Farben werden mit dem Gemalten multipliziert"
+    "Vertex paint: colors are multiplied by the painted color": (
+        "Vertexmalerei: Farben werden mit der gemalten Farbe multipliziert"
     ),
     "Threshold": "Schwellwert",
-    "Store what was painted with the splats and remove the stand-in; painting can go on later": (
-        "Das Gemalte bei den Splats speichern und den Stellvertreter entfernen; gemalt werden kann später weiter"
+    "Store the painting with the splats, and remove the stand-in. You can continue painting later": (
+        "Die Bemalung bei den Splats speichern und den Stellvertreter entfernen. Später kann weitergemalt werden"
     ),
-    "Delete the splats that crop, limits and painting hide, and make their tints part of the colors": (
+    "Delete the splats that crop, limits and painting hide, and make tints part of the colors": (
         "Die Splats löschen, die Zuschnitt, Grenzen und Bemalung verbergen, und Tönungen in die Farben übernehmen"
     ),
-    "Join the selected models into the active one, edits applied; missing bands of color become zero": (
-        "Die ausgewählten Modelle mit dem aktiven zusammenführen, Bearbeitungen angewandt; fehlende Farbbänder werden "
-        "null"
+    "Join the selected models into the active one, with their edits applied. Missing SH bands become zero": (
+        "Die ausgewählten Modelle mit dem aktiven zusammenführen, mit angewandten Bearbeitungen. Fehlende SH-Bänder "
+        "werden null"
     ),
     "Make the object's transform part of its splats: positions, orientations, sizes and view-dependent colors": (
         "Die Transformation des Objekts in seine Splats übernehmen: Positionen, Ausrichtungen, Größen und "
@@ -229,30 +228,34 @@ REST = {
         "Wie fein das Mesh ist, in Einheiten des Objekts, wie bei Blenders Remesh; 0 ist automatisch"
     ),
     "Most Triangles": "Höchstens Dreiecke",
-    "Simplify the mesh to so many; 0 keeps all of them": "Das Mesh auf so viele vereinfachen; 0 behält alle",
+    "Simplify the mesh to at most this many triangles; 0 keeps all of them": (
+        "Das Mesh auf höchstens so viele Dreiecke vereinfachen; 0 behält alle"
+    ),
     "Texture Size": "Texturgröße",
-    "Colors in a picture of so many pixels along its side; 0: one color for each vertex": (
-        "Farben in einem Bild von so vielen Pixeln Seitenlänge; 0: eine Farbe je Vertex"
+    "Store colors in a square picture with this many pixels along its side; 0: one color for each vertex": (
+        "Farben in einem quadratischen Bild von so vielen Pixeln Seitenlänge speichern; 0: eine Farbe je Vertex"
     ),
     "Largest Part Only": "Nur der größte Teil",
-    "Leave out all that does not hang together with it": "Alles weglassen, was nicht mit ihm zusammenhängt",
+    "Leave out everything that is not connected to the largest part": (
+        "Alles weglassen, was nicht mit dem größten Teil zusammenhängt"
+    ),
     "For a Room": "Für einen Raum",
-    "Look at the splats from within alone, not from around them": (
+    "Look at the splats only from inside, not from around them": (
         "Die Splats nur von innen betrachten, nicht von außen herum"
     ),
     "Rigid Body": "Starrkörper",
-    "A passive one, which others collide with, of the shape of the mesh": (
-        "Ein passiver, mit dem andere zusammenstoßen, von der Form des Meshs"
+    "Make the mesh a passive rigid body, with which others collide": (
+        "Das Mesh zu einem passiven Starrkörper machen, mit dem andere zusammenstoßen"
     ),
-    "Give up the surface that is being made": "Die Oberfläche aufgeben, die gerade entsteht",
+    "Cancel the surface mesh that is being made": "Das Oberflächen-Mesh abbrechen, das gerade entsteht",
     # Rendering
     "Set view transform, sampling and filter of this scene, and the colors of its models, for the exact picture": (
         "Ansichtstransformation, Abtastung und Filter dieser Szene und die Farben ihrer Modelle für das exakte Bild "
         "setzen"
     ),
     "Samples": "Abtastwerte",
-    "1 looks at pixel centres, as splatting does; more smooths the edges of other objects": (
-        "1 betrachtet die Pixelmitten, wie beim Splatting; mehr glättet die Kanten anderer Objekte"
+    "1 samples the pixel centers, as splatting does. More samples smooth the edges of other objects": (
+        "1 tastet die Pixelmitten ab, wie beim Splatting. Mehr glätten die Kanten anderer Objekte"
     ),
     "Render": "Rendern",
     "Whole Scene": "Ganze Szene",
@@ -265,11 +268,11 @@ REST = {
     ),
     "Paths per pixel of a whole scene": "Pfade je Pixel einer ganzen Szene",
     "Denoise": "Entrauschen",
-    "Smooth the noise of a whole scene when its samples are done; splats in front stay sharp": (
-        "Glättet das Rauschen einer ganzen Szene, wenn ihre Samples fertig sind; Splats im Vordergrund bleiben scharf"
+    "Remove the noise of a whole scene when all samples are done; splats in front stay sharp": (
+        "Das Rauschen einer ganzen Szene entfernen, wenn alle Samples fertig sind; Splats im Vordergrund bleiben scharf"
     ),
     "Bounces": "Reflexionen",
-    "Of light, in a whole scene": "Des Lichts, in einer ganzen Szene",
+    "How often light bounces in a whole scene": "Wie oft Licht in einer ganzen Szene reflektiert wird",
     "Shadows on Splats": "Schatten auf Splats",
     "Meshes darken the splats that they hide from the lights of the scene: an approximation": (
         "Meshes verdunkeln die Splats, die sie vor den Lichtern der Szene verbergen: eine Näherung"
@@ -293,25 +296,25 @@ REST = {
     "Viewport Share": "Anteil im Ansichtsfenster",
     "While Moving": "Beim Bewegen",
     "What a viewport shows while it moves": "Was ein bewegtes Ansichtsfenster zeigt",
-    "Points where a processor draws, else the most important splats": (
-        "Punkte, wo ein Prozessor zeichnet, sonst die wichtigsten Splats"
+    "Points if the processor draws, else the most important splats": (
+        "Punkte, wenn der Prozessor zeichnet, sonst die wichtigsten Splats"
     ),
-    "The most important splats as points, in coarse pixels: for processors": (
-        "Die wichtigsten Splats als Punkte, in groben Pixeln: für Prozessoren"
+    "The most important splats as points, in coarse pixels: for computers without a graphics card": (
+        "Die wichtigsten Splats als Punkte, in groben Pixeln: für Rechner ohne Grafikkarte"
     ),
     "Most Important": "Wichtigste",
     "The most important splats, as they are shown": "Die wichtigsten Splats, wie sie angezeigt werden",
     "All": "Alle",
     "All splats": "Alle Splats",
     "Splats While Moving": "Splats beim Bewegen",
-    "A viewport that moves shows so many splats, the most important ones": (
-        "Ein bewegtes Ansichtsfenster zeigt so viele Splats, die wichtigsten"
+    "How many splats a moving viewport shows: the most important ones": (
+        "Wie viele Splats ein bewegtes Ansichtsfenster zeigt: die wichtigsten"
     ),
     "Follow View": "Ansicht folgen",
-    "Make colors, and the quads of Automatic, for the viewport that moved last instead of the camera; renders stay "
-    "with the camera": (
+    "Compute colors, and the quads of Automatic, for the viewport that moved last instead of the camera. Renders "
+    "still use the camera": (
         "Farben, und die Vierecke von „Automatisch“, für das zuletzt bewegte Ansichtsfenster statt für die Kamera "
-        "erzeugen; gerendert wird weiterhin für die Kamera"
+        "berechnen. Gerendert wird weiterhin für die Kamera"
     ),
     "Working space changed: import the model again": "Arbeitsfarbraum geändert: das Modell neu importieren",
     "Blender draws colors of another working space": "Blender zeigt Farben eines anderen Arbeitsfarbraums",
@@ -333,27 +336,29 @@ REST = {
     "Drawn by Blender itself in real time, as plain Gaussians: the package bakes DoG into them": (
         "Von Blender selbst in Echtzeit gezeichnet, als einfache Gauß-Splats: das Paket rechnet DoG in sie ein"
     ),
-    "Let Blender draw the selected splats itself, as plain Gaussians; what crop, limits and painting hide is gone": (
-        "Blender die ausgewählten Splats selbst zeichnen lassen, als einfache Gauß-Splats; was Zuschnitt, Grenzen und "
-        "Malen verbergen, fällt weg"
+    "Let Blender draw the selected splats itself, as plain Gaussians. What crop, limits and painting hide is gone": (
+        "Blender die ausgewählten Splats selbst zeichnen lassen, als einfache Gauß-Splats. Was Zuschnitt, Grenzen und "
+        "Malen verbergen, wird gelöscht"
     ),
-    "Let our modifier draw the selected native splats: exactly, with their DoG, and with what was edited since": (
-        "Den Modifikator des Add-ons die ausgewählten Splats zeichnen lassen: exakt, mit ihren DoG und mit allem, was "
-        "seither bearbeitet wurde"
+    "Let the add-on draw the selected native splats: exactly, with their DoG, and with all edits made since": (
+        "Das Add-on die ausgewählten Splats zeichnen lassen: exakt, mit ihren DoG und mit allem, was seither "
+        "bearbeitet wurde"
     ),
     "Keep Original": "Original behalten",
-    "Leave the object that is converted in the file, hidden": (
+    "Keep the object that is converted in the file, hidden": (
         "Das Objekt, das umgewandelt wird, verborgen in der Datei lassen"
     ),
     "{name}: plain Gaussians, by Blender": "{name}: einfache Gauß-Splats, von Blender",
     # Preferences
     "Command dogsplat": "Befehl dogsplat",
-    "Of the package mi_dogsplat, or words: python -m mi_dogsplat. Empty: this Python, else the PATH": (
-        "Des Pakets mi_dogsplat, oder Wörter: python -m mi_dogsplat. Leer: dieses Python, sonst der PATH"
+    "Path of the command dogsplat of the package mi_dogsplat, or words such as python -m mi_dogsplat. If empty: the "
+    "package in Blender's Python, else the command on the PATH": (
+        "Pfad des Befehls dogsplat des Pakets mi_dogsplat, oder Wörter wie python -m mi_dogsplat. Wenn leer: das "
+        "Paket in Blenders Python, sonst der Befehl im PATH"
     ),
     "Splats Follow Their Points": "Splats folgen ihren Punkten",
-    "Turn and scale splats with vertices that Apply Transform, Join or edit mode moved": (
-        "Splats mit Punkten drehen und skalieren, die „Transformation anwenden“, „Zusammenführen“ oder der "
-        "Bearbeitungsmodus bewegt hat"
+    "Rotate and scale splats when Apply Transform, Join or edit mode moves their points": (
+        "Splats drehen und skalieren, wenn „Transformation anwenden“, „Zusammenführen“ oder der Bearbeitungsmodus "
+        "ihre Punkte bewegt"
     ),
 }

@@ -12,8 +12,8 @@ MESSAGES = {
     "{count:,} splats deleted": "{count:,} Splats gelöscht",
     "{count:,} triangles": "{count:,} Dreiecke",
     "{count} cameras imported": "{count} Kameras importiert",
-    "{count} cameras imported, {bent} without lens distortion: photographs fit in their middles": (
-        "{count} Kameras importiert, {bent} ohne Linsenverzeichnung: Fotos passen in ihrer Mitte"
+    "{count} cameras imported, {bent} without lens distortion: their photographs fit only in the middle": (
+        "{count} Kameras importiert, {bent} ohne Linsenverzeichnung: ihre Fotos passen nur in der Mitte"
     ),
     "{count} key frames imported": "{count} Schlüsselbilder importiert",
     "{count} key frames exported": "{count} Schlüsselbilder exportiert",
@@ -96,7 +96,7 @@ MESSAGES = {
     "the model holds values that are not finite": "das Modell enthält Werte, die nicht endlich sind",
     "delete those splats; nothing was written": "diese Splats löschen; nichts wurde geschrieben",
     # SPZ and other formats
-    "is no SPZ file: its header does not begin with NGSP": "ist keine SPZ-Datei: ihr Kopf beginnt nicht mit NGSP",
+    "is not an SPZ file: its header does not begin with NGSP": "ist keine SPZ-Datei: ihr Kopf beginnt nicht mit NGSP",
     "not SPZ of version 1, 2 or 3, but {version}": "nicht SPZ der Version 1, 2 oder 3, sondern {version}",
     "convert it to PLY": "sie in PLY umwandeln",
     "has spherical harmonics of degree {degree}, there are 0 to 4": ("hat SH-Grad {degree}, es gibt 0 bis 4"),
@@ -125,9 +125,10 @@ MESSAGES = {
     "splats cannot be flattened, but this object is scaled to nothing along an axis": (
         "Splats können nicht flach sein, aber dieses Objekt ist entlang einer Achse auf null skaliert"
     ),
-    '"{name}" has lost or got points, so nobody knows what is painted; undo that, or delete it and its modifier': (
-        "„{name}“ hat Punkte verloren oder bekommen, sodass niemand weiß, was gemalt ist; das rückgängig machen, "
-        "oder es und seinen Modifikator löschen"
+    '"{name}": the number of its points has changed, so its painting does not fit any more; undo that, or delete it '
+    "and its modifier": (
+        "„{name}“: die Anzahl seiner Punkte hat sich geändert, sodass die Bemalung nicht mehr passt; das rückgängig "
+        "machen, oder es und seinen Modifikator löschen"
     ),
     '"{name}": its constraints would move it once more; apply or mute them first': (
         "„{name}“: seine Constraints würden es noch einmal bewegen; sie zuerst anwenden oder stummschalten"
@@ -174,7 +175,7 @@ MESSAGES = {
     'has no cameras ("frames" is absent or empty)': "hat keine Kameras („frames“ fehlt oder ist leer)",
     "does not name a data set": "nennt keinen Datensatz",
     'its data set "{data}" is not there': "der Datensatz „{data}“ ist nicht da",
-    'its "downscale" is no whole number above 0': "„downscale“ darin ist keine ganze Zahl über 0",
+    'its "downscale" is not a whole number above 0': "„downscale“ darin ist keine ganze Zahl über 0",
     "import the cameras from the data set itself": "die Kameras aus dem Datensatz selbst importieren",
     "not valid JSON in line {line} ({reason})": "kein gültiges JSON in Zeile {line} ({reason})",
     "correct that line": "diese Zeile berichtigen",
@@ -208,7 +209,7 @@ MESSAGES = {
     'the camera "{name}" is sheared by its parents; apply their scale': (
         "die Kamera „{name}“ wird durch ihre Eltern geschert; deren Skalierung anwenden"
     ),
-    'the camera "{name}" is orthographic; this takes a perspective camera': (
+    'the camera "{name}" is orthographic; this needs a perspective camera': (
         "die Kamera „{name}“ ist orthografisch; dazu braucht es eine perspektivische Kamera"
     ),
     # COLMAP
@@ -241,13 +242,13 @@ MESSAGES = {
     'key {number} lacks "time"': "dem Schlüsselbild {number} fehlt „time“",
     "give each key its time, or none": "jedem Schlüsselbild seine Zeit geben oder keinem",
     '"time" is not finite': "„time“ ist nicht endlich",
-    "its lengths in pixels are those of no camera": "seine Längen in Pixeln sind die keiner Kamera",
+    "its lengths in pixels fit no camera": "seine Längen in Pixeln passen zu keiner Kamera",
     '"fov" is {fov:g}, not within 0 to 180 degrees': "„fov“ ist {fov:g}, nicht zwischen 0 und 180 Grad",
     '"{name}" is not {count} numbers': "„{name}“ besteht nicht aus {count} Zahlen",
     '"look_at" is at the position itself, or straight above or below it': (
         "„look_at“ liegt in der Position selbst oder genau darüber oder darunter"
     ),
-    '"rotation" is no unit quaternion x, y, z, w': "„rotation“ ist kein Einheitsquaternion x, y, z, w",
+    '"rotation" is not a unit quaternion x, y, z, w': "„rotation“ ist kein Einheitsquaternion x, y, z, w",
     "the model is mirrored, sheared or scaled unevenly: no camera sees that; apply its transform": (
         "das Modell ist gespiegelt, geschert oder ungleichmäßig skaliert: das sieht keine Kamera; seine Transformation "
         "anwenden"
@@ -300,8 +301,8 @@ MESSAGES = {
     '"{name}": its colors are wrong since the working space {space} was chosen; import the model again': (
         "„{name}“: seine Farben sind falsch, seit der Arbeitsfarbraum {space} gewählt wurde; das Modell neu importieren"
     ),
-    "some models hold sRGB values, others radiance; the former are drawn in radiance": (
-        "manche Modelle enthalten sRGB-Werte, andere Strahldichte; die ersteren werden in Strahldichte gezeichnet"
+    "some models hold sRGB values, others radiance; the sRGB values are converted to radiance": (
+        "manche Modelle enthalten sRGB-Werte, andere Strahldichte; die sRGB-Werte werden in Strahldichte umgerechnet"
     ),
     "the scene has no camera; add one, or import those of the data set": (
         "die Szene hat keine Kamera; eine hinzufügen oder die des Datensatzes importieren"

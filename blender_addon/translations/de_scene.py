@@ -22,10 +22,10 @@ NOTES = {
         "„Solidify“"
     ),
     "motion blur is left out": "Bewegungsunschärfe wird weggelassen",
-    "depth of field is left out; it takes Whole Scene and Linear colors": (
+    "depth of field is left out; it needs Whole Scene and Linear colors": (
         "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"
     ),
-    "depth of field is left out; it takes a perspective camera": (
+    "depth of field is left out; it needs a perspective camera": (
         "Schärfentiefe wird weggelassen; dazu braucht es eine perspektivische Kamera"
     ),
     "the aperture is round, whatever its blades and ratio": (
@@ -34,8 +34,8 @@ NOTES = {
     '"{name}": a shadow catcher is drawn as any other object': (
         "„{name}“: ein Schattenfänger wird wie jedes andere Objekt gezeichnet"
     ),
-    '"{name}": Ray Visibility holds for the camera alone': (
-        "„{name}“: die Strahlensichtbarkeit gilt nur für die Kamera"
+    '"{name}": of Ray Visibility, only Camera has an effect': (
+        "„{name}“: von der Strahlensichtbarkeit wirkt nur „Kamera“"
     ),
     # Lights and the world
     "the view layer's override of the world is left out": (
@@ -58,7 +58,7 @@ NOTES = {
     "the nodes of the world are left out; behind splats alone is its viewport color": (
         "die Nodes der Welt werden weggelassen; hinter Splats allein ist ihre Farbe im Ansichtsfenster"
     ),
-    "the picture of the world is taken as equirectangular": "das Bild der Welt wird als äquirektangular verstanden",
+    "the picture of the world is treated as equirectangular": "das Bild der Welt wird als äquirektangular verstanden",
     'the picture of the world is looked up by directions, instead of "{node}"': (
         "das Bild der Welt wird nach Richtungen nachgeschlagen, statt nach „{node}“"
     ),
@@ -68,8 +68,8 @@ NOTES = {
     "its displacement is left out": "sein Displacement wird weggelassen",
     '"{name}": its light linking is left out': "„{name}“: sein Light Linking wird weggelassen",
     '"{name}": its hair is left out': "„{name}“: seine Haare werden weggelassen",
-    '"{light}": a light without shadows casts them here': "„{light}“: ein Licht ohne Schatten wirft hier welche",
-    "its Ray Visibility is left out": "ihre Strahlensichtbarkeit wird weggelassen",
+    '"{light}": a light without shadows casts shadows here': "„{light}“: ein Licht ohne Schatten wirft hier Schatten",
+    "its Ray Visibility is ignored": "ihre Strahlensichtbarkeit wird nicht beachtet",
     "its volume is left out": "sein Volumen wird weggelassen",
     'the shader "{node}" has no counterpart in Mitsuba; drawn in the color of the viewport': (
         "der Shader „{node}“ hat kein Gegenstück in Mitsuba; gezeichnet in der Farbe des Ansichtsfensters"

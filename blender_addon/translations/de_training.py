@@ -26,23 +26,23 @@ OWN = {
 REST = {
     "Train Splats": "Splats trainieren",
     "What is selected when the cameras are made": "Was ausgewählt ist, wenn die Kameras erzeugt werden",
-    "All that renders show": "Alles, was beim Rendern erscheint",
+    "Everything that renders show": "Alles, was beim Rendern erscheint",
     "Region": "Bereich",
     "What is in the box of an object, such as an empty; nothing is hidden": (
         "Was im Quader eines Objekts liegt, etwa eines Leer-Objekts; nichts wird verborgen"
     ),
-    "An empty, whose cube counts, or any object with a size": (
-        "Ein Leer-Objekt, dessen Würfel zählt, oder ein beliebiges Objekt mit einer Größe"
+    "An empty, which marks its cube, or any object that has a size": (
+        "Ein Leer-Objekt, das seinen Würfel markiert, oder ein beliebiges Objekt mit einer Größe"
     ),
-    "On a sphere, all looking at its middle, as dogsplat capture has them": (
+    "On a sphere, all looking at its middle, as in dogsplat capture": (
         "Auf einer Kugel, alle zur Mitte gerichtet, wie bei dogsplat capture"
     ),
     "Spread over the room, looking into all directions: for interiors": (
         "Im Raum verteilt, in alle Richtungen gerichtet: für Innenräume"
     ),
     "Views": "Ansichten",
-    "Training views; a sixth as many more measure how good the model is": (
-        "Ansichten für das Training; ein Sechstel mehr misst, wie gut das Modell ist"
+    "Number of training views. A sixth as many more are rendered to measure the model": (
+        "Anzahl der Ansichten für das Training. Ein Sechstel mehr wird gerendert, um das Modell zu messen"
     ),
     "Elevations": "Höhenwinkel",
     "Lowest and highest, in degrees: 0 to 90 is a dome, -90 to 90 a sphere": (
@@ -53,29 +53,33 @@ REST = {
         "Bei 1 passt die Kugel des Motivs gerade ins Bild, bei 2 ist sie doppelt so groß"
     ),
     "Size": "Größe",
-    "Of the pictures, in pixels": "Der Bilder, in Pixeln",
+    "Width and height of the views, in pixels": "Breite und Höhe der Ansichten, in Pixeln",
     "Subject Alone": "Nur das Motiv",
     "Cameras do not see other objects; their shadows and light stay": (
         "Kameras sehen keine anderen Objekte; deren Schatten und Licht bleiben"
     ),
     "Transparent": "Transparent",
-    "Nothing behind the subject: the model ends where it ends. Off: the world is trained too": (
-        "Nichts hinter dem Motiv: das Modell endet, wo es endet. Aus: die Welt wird mittrainiert"
+    "The views have a transparent background, so that the model has only the subject. If off, the world is trained, "
+    "too": (
+        "Die Ansichten haben einen transparenten Hintergrund, sodass das Modell nur das Motiv hat. Wenn aus, wird die "
+        "Welt mittrainiert"
     ),
     "Linear (HDR)": "Linear (HDR)",
-    "OpenEXR of linear radiance instead of PNG: highlights do not end at white": (
-        "OpenEXR mit linearer Strahldichte statt PNG: Glanzlichter enden nicht bei Weiß"
+    "OpenEXR of linear radiance instead of PNG: highlights are not clipped at white": (
+        "OpenEXR mit linearer Strahldichte statt PNG: Glanzlichter werden nicht bei Weiß abgeschnitten"
     ),
     "Folder": "Ordner",
-    "For the data set, in data, and the training, in run. Names of file and scene take their places": (
-        "Für den Datensatz, in data, und das Training, in run. Die Namen von Datei und Szene treten an ihre Stellen"
+    "Folder of the data set (data) and of the training (run). The names of file and scene are filled in": (
+        "Ordner des Datensatzes (data) und des Trainings (run). Die Namen von Datei und Szene werden eingesetzt"
     ),
-    "Pruned and made DoG: the recipe of this package": "Ausgedünnt und zu DoG gemacht: das Rezept dieses Pakets",
+    "The recipe of this package: the model is pruned, and becomes DoG": (
+        "Das Rezept dieses Pakets: das Modell wird ausgedünnt und zu DoG"
+    ),
     "Ours, with colors that vary over their splats": "Unser Rezept, mit Farben, die über ihre Splats verlaufen",
     "Ours, with such colors, and with splats that planes cut off": (
         "Unser Rezept, mit solchen Farben und mit Splats, die von Ebenen abgeschnitten werden"
     ),
-    "With slopes, cuts, and steps that move a splat's numbers jointly": (
+    "With slopes, cuts, and steps that move the numbers of a splat together": (
         "Mit Farbverläufen und Schnitten, und mit Schritten, die die Zahlen eines Splats gemeinsam bewegen"
     ),
     "As preconditioned, and a second plane may cut off each splat": (
@@ -96,24 +100,26 @@ REST = {
         "Einfaches 3D Gaussian Splatting: nichts wird ausgedünnt, nichts ist DoG"
     ),
     "Steps": "Schritte",
-    "The schedule scales along": "Der Zeitplan wird mitskaliert",
+    "Training steps; the whole schedule is scaled to them": (
+        "Schritte des Trainings; der ganze Zeitplan wird mitskaliert"
+    ),
     "Target": "Ziel",
-    "What pruning leaves: a share (10%), a count (20000), or a size (2MB)": (
-        "Was das Ausdünnen übrig lässt: einen Anteil (10%), eine Anzahl (20000) oder eine Größe (2MB)"
+    "Size after pruning: a share (10%), a count of primitives (20000), or a size of the file (2MB)": (
+        "Größe nach dem Ausdünnen: ein Anteil (10%), eine Anzahl von Primitiven (20000) oder eine Größe der Datei (2MB)"
     ),
     "At Most": "Höchstens",
-    "Primitives at any time; 0: no limit, which takes long": (
-        "Primitive zu jeder Zeit; 0: keine Grenze, was lange dauert"
+    "Largest number of primitives during training; 0: no limit, which takes long": (
+        "Höchste Anzahl von Primitiven im Training; 0: keine Grenze, was lange dauert"
     ),
     "Hide Originals": "Originale verbergen",
-    "The model takes their place, in viewports and renders": (
-        "Das Modell tritt an ihre Stelle, in Ansichtsfenstern und beim Rendern"
+    "Hide the original objects in viewports and renders, because the model takes their place": (
+        "Die Originale in Ansichtsfenstern und beim Rendern verbergen, weil das Modell an ihre Stelle tritt"
     ),
-    "Make the cameras of the rig, which may be moved, deleted and added to before they render": (
-        "Die Kameras der Anordnung erzeugen; vor dem Rendern können sie bewegt, gelöscht und ergänzt werden"
+    "Make the cameras of the rig. You can move, delete and add cameras before rendering": (
+        "Die Kameras der Anordnung erzeugen. Vor dem Rendern können Kameras bewegt, gelöscht und ergänzt werden"
     ),
     "{n} cameras in the rig": "{n} Kameras in der Anordnung",
-    "Render the views of the rig into the data set; Esc stops, and the next start goes on there": (
+    "Render the views of the rig into the data set. Esc stops, and the next start continues from there": (
         "Die Ansichten der Anordnung in den Datensatz rendern; Esc hält an, und der nächste Start macht dort weiter"
     ),
     "Train": "Trainieren",
@@ -123,8 +129,10 @@ REST = {
         "importieren"
     ),
     "Go On": "Weitermachen",
-    "From the last checkpoint, with the same settings": "Vom letzten Sicherungspunkt, mit denselben Einstellungen",
-    "Save a checkpoint and stop; Go On Training continues there": (
+    "Continue from the last checkpoint, with the same settings": (
+        "Vom letzten Sicherungspunkt weitermachen, mit denselben Einstellungen"
+    ),
+    "Save a checkpoint and stop; Go On Training continues from there": (
         "Einen Sicherungspunkt speichern und anhalten; „Weiter trainieren“ setzt dort fort"
     ),
     "{done} of {n} views": "{done} von {n} Ansichten",

@@ -21,8 +21,9 @@ from .watcher import INTERVAL, Shown, Watcher
 BEHIND_OURS = 200  # splats that Blender itself draws behind our pictures, to be clicked at
 SOFTWARE = ("llvmpipe", "softpipe", "swr", "swiftshader", "basic render driver")
 WAYS = (
-    ("AUTOMATIC", "Automatic", "Points where a processor draws, else the most important splats"),
-    ("POINTS", "Points", "The most important splats as points, in coarse pixels: for processors"),
+    ("AUTOMATIC", "Automatic", "Points if the processor draws, else the most important splats"),
+    ("POINTS", "Points", "The most important splats as points, in coarse pixels: for computers without a graphics "
+    "card"),
     ("SHARE", "Most Important", "The most important splats, as they are shown"),
     ("ALL", "All", "All splats"),
 )
@@ -34,13 +35,13 @@ PROPERTIES = {
         name="Splats While Moving",
         default=20_000,
         min=1,
-        description="A viewport that moves shows so many splats, the most important ones",
+        description="How many splats a moving viewport shows: the most important ones",
     ),
     "dogsplat_follow_view": BoolProperty(
         name="Follow View",
         default=False,
-        description="Make colors, and the quads of Automatic, for the viewport that moved last instead of the "
-        "camera; renders stay with the camera",
+        description="Compute colors, and the quads of Automatic, for the viewport that moved last instead of the "
+        "camera. Renders still use the camera",
         update=lambda scene, context: WATCHER.show(scene, Shown()),
     ),
 }

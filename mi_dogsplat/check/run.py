@@ -86,10 +86,10 @@ def _require_parts(
     if unknown := [part for part in parts if part not in PARTS]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(PARTS)}")
     if "training" in parts and not runs:
-        raise DataError("--only", "training has no run to read", "add --runs RUN")
+        raise DataError("--only", "the part training has no run to read", "add --runs RUN")
     for part, place, given in (("training", "--runs", runs), ("work-precision", model, model)):
         if given and part not in parts:
-            raise DataError(str(place), f"is for {part} alone", f"add {part} to --only, or leave it out")
+            raise DataError(str(place), f"is only for the part {part}", f"add {part} to --only, or leave it out")
     for flag, value, least in (("--width", width, 16), ("--rounds", rounds, 1)):
         if value < least:
             raise DataError(flag, f"{value} is too small", f"use at least {least}")
@@ -105,7 +105,7 @@ def _require_use(
     how |= dict.fromkeys(said, "how a model is drawn")
     for name in how if model is None else ():
         flag = "--" + name.replace("_", "-")
-        raise DataError(flag, f"says {how[name]}, and there is none", "name a model, or leave it out")
+        raise DataError(flag, f"says {how[name]}, but no model is given", "name a model, or leave it out")
     for name in UNUSED:
         if name in said:
             raise DataError(f"--{name}", "changes no number that is measured", "leave it out")

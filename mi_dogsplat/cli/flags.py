@@ -19,7 +19,7 @@ DATA_HELP = settings_of(TrainConfig)["data"][1].help
 MODEL_HELP = "model: .ply .spz .sog .glb .gltf .usd .usdz .splat, or meta.json of SOG"
 METAVARS = {int: "N", float: "X", str: "NAME"}
 OF_RUN = {
-    name: settings_of(PictureOptions)[name][1].help.removesuffix(")") + "; of a run folder, as it was trained)"
+    name: settings_of(PictureOptions)[name][1].help.removesuffix(")") + "; for a run folder: as in its training)"
     for name in ("downscale", "background")
 }
 """Help of what a command that takes run folders takes from them."""
@@ -69,7 +69,8 @@ def add_picture_flags(
 def add_view_flags(parser: argparse.ArgumentParser) -> None:
     """From where a model is seen."""
     parser.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
-    parser.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA, by name or image, or a camera JSON")
+    view = "a view of DATA, by its name or image, or a camera file in JSON"
+    parser.add_argument("--camera", metavar="NAME_or_JSON", help=view)
 
 
 def given_settings(kind: type[T], args: argparse.Namespace, **others: Any) -> T:

@@ -34,10 +34,10 @@ def search_masks(config: TrainConfig, run: Path, resume: bool) -> TrainConfig:
         require_new(masks)  # of an earlier training, perhaps on other photographs, or painted by hand
         small = settings_of_first(config)
         if not (resume and (first / METRICS).exists()):
-            say(f"training a small model first, which shows what the photographs have in common, into {first}")
+            say(f"first training a small model in {first}, which shows what the photographs have in common")
             with shown_training(small.steps, small.split) as show:
                 train(small, first, show, resume=resume and begun)
-        say(f"masking what moved, into {masks}")
+        say(f"finding what moved; masks go to {masks}")
         options = PictureOptions(small.downscale, small.background, white=small.white)
         given = MasksConfig(masks=config.masks)
         with Bar("photograph") as bar:

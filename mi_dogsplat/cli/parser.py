@@ -15,10 +15,10 @@ A first run:
   dogsplat render run/point_cloud.ply -o view.png --data photos/ --camera 0001
 
 photos/ is a COLMAP folder (images/ and sparse/0), a folder with transforms.json (instant-ngp, nerfstudio) or
-transforms_train.json (NeRF synthetic), or a Mitsuba scene XML; for plain images or a video poses are found
-first (dogsplat poses). run/report.html tells how it went.
-Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect,
-or a run of dogsplat compare failed; 130 stopped by Ctrl-C, 143 by SIGTERM, 129 by the end of its terminal.
+transforms_train.json (NeRF synthetic), or a Mitsuba scene XML. For plain images or a video, poses are found
+first, as dogsplat poses does. run/report.html shows how the training went.
+Exit codes: 0: done. 2: wrong use or bad input; one line says what to do. 1: dogsplat check found a defect, or
+a run of dogsplat compare failed. 130: stopped by Ctrl-C. 143: stopped by SIGTERM. 129: terminal closed.
 """
 
 
@@ -64,7 +64,8 @@ def build_parser() -> argparse.ArgumentParser:
         description="Small, sharp, differentiable radiance fields in Mitsuba 3.",
         epilog=EPILOG,
     )
-    parser.add_argument("--version", action=Version, nargs=0, help="versions of the package and of what it stands on")
+    versions = "show the versions of the package and of what it depends on"
+    parser.add_argument("--version", action=Version, nargs=0, help=versions)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=CommandParser)
     for name, command in COMMANDS.items():
         texts = {"help": command.SUMMARY, "description": command.run.__doc__, "epilog": command.EXAMPLES}

@@ -49,7 +49,7 @@ def cleaned_lines(cleaned: Cleaned) -> list[str]:
     """What was taken out, and what that did to the pictures if there is a data set."""
     lines = [f"  {reason}: {number:,}" for reason, number in cleaned.taken_out]
     lines += [f"  not needed, {line}" for line in cleaned.unneeded]
-    first = f"{counted(cleaned.n_before, 'primitive')}, taken out:" + ("" if lines else " nothing")
+    first = f"{counted(cleaned.n_before, 'primitive')}, removed:" + ("" if lines else " nothing")
     if cleaned.psnr:
         before, after = cleaned.psnr
         lines.append(f"  PSNR {before:.2f} dB before, {after:.2f} dB after ({after - before:+.2f})")
@@ -58,7 +58,7 @@ def cleaned_lines(cleaned: Cleaned) -> list[str]:
 
 def simplified_lines(simplified: Simplified) -> list[str]:
     """How near the smaller model is to the one that it was made of."""
-    over = f"over {counted(simplified.n_views, 'view')} that nothing was fitted to"
+    over = f"over {counted(simplified.n_views, 'view')} to which nothing was fitted"
     lines = [*simplified.left_out, f"PSNR of the model, {over}"]
     stages = {"merged": simplified.merged, "fitted": simplified.fitted}
     return lines + [f"  {stage:24s}{value:6.2f} dB" for stage, value in stages.items() if value is not None]
@@ -68,15 +68,15 @@ def masks_lines(out: Path, found: Found) -> list[str]:
     """How much is masked, and where most is."""
     n, most = len(found.shares), list(found.masked.items())
     if not most:
-        return [f"{out}: nothing is masked in {counted(n, 'photograph')}"]
+        return [f"{out}: nothing is masked in any of {counted(n, 'photograph')}"]
     of_all = sum(found.shares.values()) / n
     named = ", ".join(f"{printable(name)} ({100 * share:.0f} %)" for name, share in most[:NAMED])
-    where = f"in {len(most)} of {counted(n, 'photograph')}; most of {named}"
+    where = f"in {len(most)} of {counted(n, 'photograph')}; the most in {named}"
     lines = [f"{out}: {100 * of_all:.1f} % of all pixels are masked, {where}"]
     whole = [name for name, share in most if share > HALF]
     if whole:
         named, masked = printable(whole[0]), counted(len(whole), "photograph")
-        lines.append(f"more than half is masked of {masked}, such as {named}: their poses may be wrong")
+        lines.append(f"more than half of {masked} is masked, such as {named}; poses may be wrong")
     return lines
 
 

@@ -14,26 +14,26 @@ if TYPE_CHECKING:
     from ..render.scene_to_draw import SceneOptions
 
 FOR_SCENES = {
-    "spp": ("a model alone is drawn with one sample", "make a scene .xml for more"),
-    "denoise": ("a model alone has no noise", "leave it out"),
-    "sensor": ("a model alone has none", "leave it out"),
-    "define": ("is for parameters of a scene", "leave it out"),
+    "spp": ("a model is drawn with one sample", "leave it out, or render a scene .xml"),
+    "denoise": ("a model has no noise", "leave it out"),
+    "sensor": ("a model has no sensors", "leave it out"),
+    "define": ("is only for parameters of a scene", "leave it out"),
 }
 
 
 def add_scene_flags(parser: argparse.ArgumentParser) -> None:
     """How a scene is drawn (``SceneOptions``)."""
     parser.add_argument(
-        "--spp", type=int, default=0, metavar="N", help="samples per pixel of a scene (default: 0, as the scene says)"
+        "--spp", type=int, default=0, metavar="N", help="samples per pixel of a scene (default: 0: what the scene says)"
     )
     parser.add_argument(
-        "-s", "--sensor", type=int, default=0, metavar="N", help="which sensor of a scene, from 0 (default: 0)"
+        "-s", "--sensor", type=int, default=0, metavar="N", help="sensor of a scene, counted from 0 (default: 0)"
     )
     parser.add_argument(
-        "-D", "--define", action="append", default=[], metavar="NAME=VALUE", help="a parameter, $NAME, of a scene"
+        "-D", "--define", action="append", default=[], metavar="NAME=VALUE", help="set $NAME, a parameter of a scene"
     )
     parser.add_argument(
-        "--denoise", action="store_true", help="smooth the noise of a scene's light paths (Open Image Denoise)"
+        "--denoise", action="store_true", help="remove the noise of a scene's light paths (by Open Image Denoise)"
     )
 
 
@@ -49,7 +49,7 @@ def scene_options(args: argparse.Namespace, of_models: Sequence[str]) -> SceneOp
     for name in of_models:
         if getattr(args, name) != getattr(PictureOptions(), name, None):
             flag = f"--{name.replace('_', '-')}"
-            raise DataError(flag, "is for models: a scene says by itself what is drawn, and how", "leave it out")
+            raise DataError(flag, "is only for models; a scene says itself how it is drawn", "leave it out")
     return SceneOptions(args.spp, args.denoise, args.sensor, dict(_definition(text) for text in args.define))
 
 
@@ -64,5 +64,5 @@ def _definition(text: str) -> tuple[str, str]:
     """(name, value) of ``NAME=VALUE``."""
     name, equals, value = text.partition("=")
     if not (name and equals):
-        raise DataError("--define", f'"{text}" is no NAME=VALUE', "give one, as -D spp=16")
+        raise DataError("--define", f'"{text}" is not NAME=VALUE', "write it like -D spp=16")
     return name, value

@@ -47,7 +47,7 @@ def shown_training(steps: int, split: str = TrainConfig.split) -> Iterator[Calla
                 for line in not_done:
                     say(line)
                 views = counted(row["measured"], f"{split} view")
-                say(f"all steps are done; measuring {views}, writing the report")
+                say(f"all steps are done; measuring {views} and writing the report")
                 return
             for note in row.get("notes", ()):
                 say(printable(note))

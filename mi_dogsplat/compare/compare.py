@@ -114,13 +114,13 @@ def _check_arguments(
     """Raises ``DataError``, which names the flag, for what no comparison can be made of."""
     for flag, given in (("DATA", data), ("--seeds", seeds), ("--only", methods)):
         if isinstance(given, str):
-            raise DataError(flag, f'is "{given}"', "give a list, of one where it is the only one")
+            raise DataError(flag, f'is "{given}"', "give a list, even of only one")
         if not len(given):
             raise DataError(flag, "is empty", "give at least one")
     if unknown := [name for name in methods if name not in METHODS]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(METHODS)}")
     if broken := [seed for seed in seeds if not isinstance(seed, Integral)]:
-        raise DataError("--seeds", f"{broken[0]!r} is no whole number", "use 0, 1, 2 and so on")
+        raise DataError("--seeds", f"{broken[0]!r} is not a whole number", "use 0, 1, 2 and so on")
     if min(seeds) < 0:
         raise DataError("--seeds", f"{min(seeds)} is out of range", "use at least 0")
     if workers < 0:
@@ -130,9 +130,9 @@ def _check_arguments(
         raise DataError("--workers", problem, "leave one of them out")
     if config.growth is not None:
         remedy = 'leave it out; the methods of the set "early" have a shorter growth of their own'
-        raise DataError("--growth", "changes the schedules that methods are known by", remedy)
+        raise DataError("--growth", "changes schedules that are part of the methods", remedy)
     if config.model is not None:
-        raise DataError("--model", "is a start of one's own, and runs of a seed share theirs", "leave it out")
+        raise DataError("--model", "would give runs another start, and all runs of a seed share theirs", "leave it out")
     counted_target("--target", config.target)
 
 

@@ -137,7 +137,7 @@ def _count(name: str, target: float, n: int) -> float:
     except ValueError as error:
         if not METHODS[method_of(name)].compact:
             return wanted  # which no baseline meets
-        raise DataError(flag, str(error), "choose another one, of the densified start") from None
+        raise DataError(flag, str(error), "choose another target for the densified start") from None
 
 
 def _n_primitives(start: Path) -> int:

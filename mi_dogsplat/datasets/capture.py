@@ -143,7 +143,7 @@ def _tests(config: CaptureConfig, n: int) -> set[int]:
         return set(range(0, n, TEST_EVERY)) if n > 1 else set()
     n_test = n - config.views if config.circling else config.test or 0
     if n_test >= n:
-        raise DataError("--test", f"of {counted(n, 'view')} none is left for training", "use a smaller number")
+        raise DataError("--test", f"no training view is left of {counted(n, 'view')}", "use a smaller number")
     return {int((k + 0.5) * n / n_test) for k in range(n_test)}
 
 

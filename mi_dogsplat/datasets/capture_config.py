@@ -13,17 +13,17 @@ PATHS = ("orbit", "hemisphere", "sensors")
 DEPTHS = ("none", "exr", "npy")
 ELEVATIONS = {"orbit": (12.0, 65.0), "hemisphere": (0.0, 90.0)}
 CIRCLING_ONLY = ("views", "size", "fov", "up", "elevations", "zoom", "center", "radius")
-CAMERAS = "orbit, hemisphere, sensors (the scene's own), or a JSON file of cameras"
+CAMERAS = "places of the cameras: orbit, hemisphere, sensors (the scene's own), or a JSON file of cameras"
 TESTS = (
-    "test views, spread evenly; at 0 none is named, and training takes every 8th (default: a sixth as many; of sensors "
-    "or a file every 8th)"
+    "number of test views, spread evenly; with 0 none are named, and a training takes every 8th view (default: a sixth "
+    "as many as training views; for sensors or a file every 8th)"
 )
-VERTICAL = "vertical axis: x, y, z, -x, -y, -z (as --up=-y), or auto: that of the scene's first sensor"
-BAND = "lowest and highest elevation of cameras, in degrees (default: orbit 12 65, hemisphere 0 90)"
-CENTER = "what an orbit looks at (default: the middle of the shapes)"
-ALPHA = "transparent background; lamps and environment are hidden from the cameras"
-HDR = "write linear radiance as OpenEXR (half floats), for a model that is linear"
-DEPTH = "also write depth, along the view axis: exr (float32, Blender) or npy (nerfstudio)"
+VERTICAL = "axis that points up: x, y, z, -x, -y, -z (write --up=-y), or auto: that of the scene's first sensor"
+BAND = "lowest and highest elevation of the cameras, in degrees (default: 12 65 for orbit, 0 90 for hemisphere)"
+CENTER = "point that an orbit or hemisphere looks at (default: the middle of the shapes)"
+ALPHA = "transparent background; the cameras do not see lamps and environment"
+HDR = "write linear radiance as OpenEXR (half floats), to train a linear model"
+DEPTH = "also write depth along the view axis: exr (float32, for Blender) or npy (for nerfstudio)"
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class CaptureConfig:
     """
 
     path: Annotated[str, Setting(CAMERAS, "NAME_or_JSON")] = "hemisphere"
-    views: Annotated[int, Setting("training views of an orbit or hemisphere", least=1)] = 48
+    views: Annotated[int, Setting("number of training views of an orbit or hemisphere", least=1)] = 48
     test: Annotated[int | None, Setting(TESTS, least=0)] = None
     size: Annotated[tuple[int, int], Setting("width and height in pixels", "W H")] = (400, 400)
     fov: Annotated[
@@ -45,7 +45,7 @@ class CaptureConfig:
     up: Annotated[str, Setting(VERTICAL, "AXIS", choices=UPS)] = "auto"
     elevations: Annotated[tuple[float, float] | None, Setting(BAND, "LOW HIGH")] = None
     zoom: Annotated[
-        float, Setting("at 1 the bounding sphere just fits, at 2 it is twice as large", least=1e-3, most=1e3)
+        float, Setting("with 1 the bounding sphere just fits, with 2 it is twice as large", least=1e-3, most=1e3)
     ] = 1.0
     center: Annotated[tuple[float, float, float] | None, Setting(CENTER, "X Y Z")] = None
     radius: Annotated[
@@ -56,7 +56,7 @@ class CaptureConfig:
     hdr: Annotated[bool, Setting(HDR)] = False
     depth: Annotated[str, Setting(DEPTH, "FORMAT", choices=DEPTHS)] = "none"
     points: Annotated[
-        int, Setting("initial points on surfaces and dense splats that the cameras see; 0: none", least=0)
+        int, Setting("number of initial points, on surfaces and dense splats that the cameras see; 0: none", least=0)
     ] = 20_000
 
     def __post_init__(self) -> None:
@@ -66,11 +66,12 @@ class CaptureConfig:
         if min(self.size) < 1:
             refuse("size", f"{self.size[0]} x {self.size[1]} has no pixels", "use at least 1 x 1")
         if self.elevations and not -90 <= self.elevations[0] <= self.elevations[1] <= 90:
-            refuse("elevations", f"{self.elevations[0]:g} {self.elevations[1]:g} is no band", "ascend within -90 to 90")
+            low, high = self.elevations
+            refuse("elevations", f"{low:g} {high:g} is not a range", "give the lower one first, within -90 to 90")
         if self.elevations and self.elevations[0] == self.elevations[1] and abs(self.elevations[0]) == 90:
-            refuse("elevations", "all cameras would stand at the pole", "use a band")
+            refuse("elevations", "all cameras would stand at the pole", "use a range of elevations")
         if self.center and not all(map(math.isfinite, self.center)):
-            refuse("center", f"{self.center} is no point", "use three numbers")
+            refuse("center", f"{self.center} is not a point", "use three numbers")
         self._refuse_what_is_not_used()
 
     @property

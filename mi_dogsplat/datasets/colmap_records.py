@@ -121,7 +121,7 @@ def pose_of(path: Path, name: str, pose: list[float]) -> np.ndarray:
 def points_of(path: Path, ids: Sequence[int], positions: Sequence[tuple], colors: Sequence[tuple]) -> ColmapPoints:
     """Points of a file in the order of their ids; colours are 0 to 255. Raises ``DataError``."""
     if not all(0 <= point_id < MAX_ID for point_id in ids):
-        raise DataError(path, "the id of a point is no number that COLMAP gives", REMEDY)
+        raise DataError(path, "the id of a point is not a number that COLMAP would give", REMEDY)
     order = np.argsort(np.array(ids, np.int64))
     with np.errstate(over="ignore"):  # what float32 cannot hold is infinite: see below
         points = np.array(positions, np.float32).reshape(-1, 3)[order]

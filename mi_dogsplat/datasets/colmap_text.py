@@ -59,7 +59,7 @@ def images(path: Path) -> list[ColmapImage]:
                 raise DataError(path, problem, "put an empty line after that of each image")
             rows = np.array(line.split(), np.float64).reshape(-1, 3)  # [M, 3] x, y, point id
             if not (np.abs(rows[:, 2]) < MAX_ID).all():  # NaN is not
-                raise ValueError("the id of a point is no whole number")
+                raise ValueError("the id of a point is not a whole number")
         except DataError:
             raise
         except ValueError as error:

@@ -80,7 +80,7 @@ def listed_shots(path: Path, extent: float, downscale: int) -> list[Shot]:
     """
     content = read_json(path, f"{FORMAT} for each, in a JSON list")
     if not isinstance(content, list) or not content:
-        raise DataError(path, "is no list of cameras", f"{FORMAT} for each, in a JSON list")
+        raise DataError(path, "is not a list of cameras", f"{FORMAT} for each, in a JSON list")
     shots = []
     for i, entry in enumerate(content):
         try:

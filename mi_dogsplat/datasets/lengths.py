@@ -48,7 +48,7 @@ def length_in_units(ends: tuple[str, str], standpoints: Mapping[str, Standpoint]
     first, second = (_place(end, named) for end in ends)
     length = float(np.linalg.norm(first - second))
     if not length > 0:
-        raise DataError(FLAG, f'"{ends[0]}" and "{ends[1]}" are one place', "name two that are apart")
+        raise DataError(FLAG, f'"{ends[0]}" and "{ends[1]}" are the same place', "name two different places")
     return length
 
 
@@ -105,14 +105,14 @@ def _triangulated(told: str, rays: list[tuple[Standpoint, np.ndarray]]) -> np.nd
     """The point [3] nearest to all rays by least squares."""
     cosine = min(float(a @ b) for i, (_, a) in enumerate(rays) for _, b in rays[:i])
     if np.degrees(np.arccos(np.clip(cosine, -1, 1))) < LEAST_PARALLAX:
-        raise DataError(FLAG, f'the images of "{told}" look at it from one side', "mark it in images further apart")
+        raise DataError(FLAG, f'the images of "{told}" see it from one direction', "mark it in images further apart")
     across = [np.eye(3) - np.outer(ray, ray) for _, ray in rays]  # [3, 3] each: what is not along the ray
     ahead = sum((a @ at.position for a, (at, _) in zip(across, rays, strict=True)), np.zeros(3))
     point = np.linalg.solve(np.sum(across, axis=0), ahead)
     for a, (at, ray) in zip(across, rays, strict=True):
         offset = point - at.position
         if offset @ ray <= 0 or np.linalg.norm(a @ offset) > MISS * (offset @ ray):
-            raise DataError(FLAG, f'the marks of "{told}" are not of one point', "look up their pixels again")
+            raise DataError(FLAG, f'the marks of "{told}" do not belong to one point', "check their pixels")
     return point
 
 
@@ -128,7 +128,7 @@ def _by_depth(told: str, at: Standpoint, ray: np.ndarray) -> np.ndarray:
     depths = distances[beside]
     if np.ptp(depths) > SPREAD * np.median(depths):
         span = f"{depths.min():.3g} to {depths.max():.3g}"
-        raise DataError(FLAG, f'the points near "{told}" lie {span} units away, on several things', AGAIN)
+        raise DataError(FLAG, f'the points near "{told}" lie {span} units away, so on several objects', AGAIN)
     return at.position + ray * float(np.median(depths))
 
 

@@ -91,8 +91,8 @@ def mask_files(folder: Path) -> dict[str, Path]:
     names = [_views_of(path.relative_to(folder)) for path in found]
     for path, (likely, _) in zip(found, names, strict=True):
         if other := paths.get(likely):
-            problem = f'would be a second mask of "{likely}", beside {other.relative_to(folder)}'
-            raise DataError(path, problem, "leave one of them there; photographs belong in another folder than masks")
+            problem = f'would be a second mask of "{likely}", besides {other.relative_to(folder)}'
+            raise DataError(path, problem, "remove one of them; photographs and masks belong in different folders")
         paths[likely] = path
     for path, (_, itself) in zip(found, names, strict=True):
         paths.setdefault(itself, path)
@@ -107,7 +107,7 @@ def without_mask(folder: str | Path | None, views: Iterable[str]) -> list[str]:
     names, paths = sorted(views), mask_files(Path(folder))
     whole = [name for name in names if composed(name) not in paths]
     said = f"{folder}: no mask for {len(whole)} of {len(names)} images"
-    return [f"{said}, such as {whole[0]}: all of their pixels count"] if whole else []
+    return [f"{said}, such as {whole[0]}; all of their pixels count"] if whole else []
 
 
 def folder_of_masks(mask: Path, view: str) -> Path | None:
@@ -125,7 +125,7 @@ def _views_of(mask: Path) -> tuple[str, str]:
 def require_white(path: Path, brightest: float) -> None:
     """Raise ``DataError`` for a mask whose brightest pixel, 0..1, is the number 1: all of it would be black."""
     if 0 < brightest <= ONE:
-        raise DataError(path, "is of 0 and 1, which are both black", "multiply it by 255: white is what counts")
+        raise DataError(path, "has only 0 and 1, and both are black", "multiply it by 255: white is what counts")
 
 
 def require_same_way(path: Path, mask: tuple[int, int], image: tuple[int, int]) -> None:
@@ -134,18 +134,18 @@ def require_same_way(path: Path, mask: tuple[int, int], image: tuple[int, int]) 
     across, of_mask = (math.log(width / height) for width, height in (image, mask))
     if abs(across) > 2 * SAME_SHAPE and abs(across + of_mask) < SAME_SHAPE:
         (width, height), (w, h) = mask, image
-        problem = f"is {width}x{height}, a quarter turn from its image, of {w}x{h}"
-        raise DataError(path, problem, "turn it, as the pixels of the image lie in its file")
+        problem = f"is {width}x{height}, turned by 90° against its image, {w}x{h}"
+        raise DataError(path, problem, "turn it to match the pixels as stored in the image file")
 
 
 def no_mask(folder: Path, view: str) -> DataError:
     """The error of a folder without a mask for any of the views, one of which is named."""
-    return DataError(folder, "has no mask for any of the images", f"name them as the images, like {view}.png")
+    return DataError(folder, "has no mask for any of the images", f"name them like the images, as {view}.png")
 
 
 def all_black(folder: str | Path, views: str) -> DataError:
     """The error of masks that leave nothing of the ``views``, in words."""
-    return DataError(folder, f"is black in every {views}", "paint white what counts, or leave it out")
+    return DataError(folder, f"is black in every {views}", "paint white what counts, or leave out the masks")
 
 
 def _resized(grey: np.ndarray, width: int, height: int) -> np.ndarray:

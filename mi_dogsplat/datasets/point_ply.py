@@ -37,7 +37,7 @@ def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
         return points, np.full_like(points, 0.5)
     colors = np.stack([table[channel] for channel in RGB], axis=1)  # [P, 3]
     if not np.isfinite(colors).all() or np.abs(colors).max(initial=0) > MAX_COLOR:
-        raise DataError(path, "a colour is none", REMEDY)
+        raise DataError(path, "a colour has no valid value", REMEDY)
     return points, in_unit(colors, reader.codes["vertex"]["red"])
 
 

@@ -34,7 +34,7 @@ def require_photographs(path: Path) -> None:
     model = find_model(path) if path.is_dir() else None
     if model and not (folder := image_folder(path, model)).is_dir():
         remedy = "put the images there, or train without --refine-poses"
-        raise DataError(folder, "no such folder, and refined poses are those of its images", remedy)
+        raise DataError(folder, "no such folder, and poses are refined by the images in it", remedy)
 
 
 def write_refined(folder: Path, dataset: Dataset, data: Path, moved: Mapping[str, np.ndarray]) -> None:

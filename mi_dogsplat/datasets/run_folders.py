@@ -12,4 +12,4 @@ from ..support.run_files import are_of_run
 def refuse_run(path: Path) -> None:
     """Raise ``DataError`` for a folder that is a run."""
     if path.is_dir() and are_of_run(os.listdir(path)):
-        raise DataError(path, "is a run, whose pictures are renders", "give its data set; dogsplat info names it")
+        raise DataError(path, "is a run, and its pictures are renders", "give its data set; dogsplat info names it")

@@ -46,7 +46,7 @@ def load_scene(
         with threads_to_load():
             scene = mi.parser.instantiate(config, state)
     if not isinstance(scene, mi.Scene):
-        raise DataError(path, "its root is no scene", "give a file with a <scene> element")
+        raise DataError(path, "its root element is not <scene>", "give a file with a <scene> element")
     if scene.integrator() is None:
         kind = "dogsplat" if has_splats(path) else "path"
         raise DataError(path, "the scene has no integrator", f'add <integrator type="{kind}"/>')
@@ -164,7 +164,7 @@ def framing_sphere(path: Path, scene: Any) -> tuple[np.ndarray, float, int]:
             kept = k
     center, radius = (lows[kept - 1] + highs[kept - 1]) / 2, unions[kept - 1] / 2
     if not radius > 0:
-        raise DataError(path, "its shapes have no extent", "say --center and --radius, or correct the scene")
+        raise DataError(path, "its shapes have no extent", "give --center and --radius, or correct the scene")
     return center, float(radius), len(shapes) - kept
 
 

@@ -145,12 +145,12 @@ def not_read(path: Path) -> list[str]:
     if masked := [frame for frame in frames if frame.get(MASK)]:
         mask = file.parent / str(masked[0][MASK]).replace("\\", "/")
         folder = folder_of_masks(mask, _view_name(masked[0]))
-        use = f"which --masks {folder} would follow" if folder else "whose names --masks takes from those of the images"
-        lines.append(f'the "{MASK}" of {len(masked)} of its frames, {use}')
+        use = f"--masks {folder} uses them" if folder else "--masks needs masks that are named like the images"
+        lines.append(f'the "{MASK}" of {len(masked)} of its frames; {use}')
     images = (_image_path(file.parent, str(frame.get("file_path", ""))) for frame in frames)
     if n := sum(is_file(image.with_name(f"{REPELLING}{image.stem}.png")) for image in images if image.name):
-        like = "a folder with their negatives, named as the images"
-        lines.append(f"the {REPELLING}*.png of {n} of its images, white where nothing counts: --masks takes {like}")
+        like = "a folder with their negatives, named like the images"
+        lines.append(f"the {REPELLING}*.png of {n} of its images, white where nothing counts; --masks takes {like}")
     return lines
 
 
@@ -216,7 +216,7 @@ def _named_in(file: Path, content: dict[str, Any], sources: list[ViewSource], ke
     path to the image."""
     named = content.get(key, [])
     if not isinstance(named, list):
-        raise DataError(file, f'"{key}" is no list', "make it a list of image names, or remove it")
+        raise DataError(file, f'"{key}" is not a list', "make it a list of image names, or remove it")
     called = {view_name(str(f["file_path"])): s.name for f, s in zip(content["frames"], sources, strict=True)}
     places = {source.image_path.resolve(): source.name for source in sources} if named else {}
     found: set[str] = set()

@@ -24,11 +24,11 @@ from ..support.settings import Setting, refuse
 from .dataset import Dataset
 
 FILE = "world.json"
-UP = "what is up: x, y, z, -x, -y, -z (as --up=-y), or a direction X,Y,Z (default: what is known, or can be found)"
-LENGTH = "metres between two places of the data: where an image was taken, or a point in one, IMAGE:X,Y in pixels"
+UP = "up axis: x, y, z, -x, -y, -z (write --up=-y), or a direction X,Y,Z (default: what is known or can be found)"
+LENGTH = "metres between two places: where an image was taken (IMAGE), or a point in an image (IMAGE:X,Y in pixels)"
 Up = Annotated[str | None, Setting(UP, "AXIS")]
 Length = Annotated[tuple[str, str, str] | None, Setting(LENGTH, "A B METRES")]
-Unit = Annotated[float | None, Setting("how long a unit is, where you know it", "METRES", 1e-12, 1e12)]
+Unit = Annotated[float | None, Setting("length of a unit in metres, if you know it", "METRES", 1e-12, 1e12)]
 
 
 def check_world(up: str | None, scale: tuple[str, str, str] | None, unit: float | None = None) -> None:
@@ -39,9 +39,9 @@ def check_world(up: str | None, scale: tuple[str, str, str] | None, unit: float 
         except ValueError as error:
             refuse("up", str(error), "use x, y, z, -x, -y or -z, or three numbers as 0.1,-0.9,0.4")
     if scale is not None and not 0 < metres(scale) < math.inf:
-        refuse("scale", f'"{scale[2]}" is no length', "use a number above 0")
+        refuse("scale", f'"{scale[2]}" is not a length', "use a number above 0")
     if scale is not None and unit is not None:
-        refuse("scale", "measures what --unit says already", "leave one of them out")
+        refuse("scale", "says the same as --unit", "leave one of them out")
 
 
 def metres(scale: tuple[str, str, str]) -> float:

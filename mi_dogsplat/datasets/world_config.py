@@ -11,7 +11,7 @@ from ..support.errors import DataError
 from ..support.settings import Setting, check_settings
 from .world import Length, Unit, Up, check_world, metres_of_unit, world_of_data
 
-UPRIGHT = "turn and scale the primitives themselves until up is -y (y in SPZ, glTF and OpenUSD) and a unit is a metre"
+UPRIGHT = "turn and scale the primitives, so that up is -y (y in SPZ, glTF and OpenUSD) and a unit is a metre"
 
 
 @dataclass(frozen=True)

@@ -74,14 +74,14 @@ def clean_model(
         require_arrays()
     model, out = Path(model), Path(out)
     if config.needs_data and not data:
-        raise DataError(config.needs_data, "needs the views of a training", "add --data DATA")
+        raise DataError(config.needs_data, "needs the training views of a data set", "add --data DATA")
     if preview and Path(preview).suffix.lower() != ".png":
         raise DataError(preview, "no known picture format", "name a file that ends in .png")
     options.require_use(images=bool(data or preview), pictures=bool(data or preview))
     chosen = format_to_write(out)
     require_encoder(out, chosen)
     if chosen is not PLY and config.mixed_sh:
-        raise DataError("--mixed-sh", "only PLY has SH degrees of single primitives", "name a file that ends in .ply")
+        raise DataError("--mixed-sh", "only PLY holds an SH degree per primitive", "name a file that ends in .ply")
     read = read_source(model, out, "clean", finite=False)
     if preview:
         require_writable(Path(preview))  # before the model is written
@@ -106,10 +106,10 @@ def clean_model(
     unneeded = Unneeded.of(kept)
     after = unneeded.taken_out(kept, config.mixed_sh)
     if after.n_splats == 0:
-        raise DataError(model, "no primitive would be left", "take out less")
+        raise DataError(model, "no primitive would be left", "remove less")
     left_out = [f"{model.name}: {line}" for line in read.left_out]
     if config.mixed_sh and not after.mixed_sh and unneeded.saved_by_mixing < 0:
-        left_out.append("--mixed-sh: SH degrees of single primitives would make the file larger, so all keep one")
+        left_out.append("--mixed-sh: an SH degree for each primitive would make the file larger, so all keep the same")
     written = replace(read, splats=after, drawing=drawing)
     left_out += write_model(out, upright(written)[0] if world.upright else written, sh_rows=True)
     quality = _quality(dataset, splats, after, options.background, drawn, masks) if dataset else None

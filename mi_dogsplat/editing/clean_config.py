@@ -8,16 +8,16 @@ from typing import Annotated
 
 from ..support.settings import Setting, check_settings, refuse
 
-BOX = "keep what is within a box: its lowest and its highest corner"
-SPHERE = "keep what is within a sphere: its centre and radius"
-MIN_OPACITY = "take out primitives of a lower opacity"
-MAX_SCALE = "take out primitives with a larger scale, in units of the model"
-CONNECTED = "keep the N connected parts that have most primitives"
-SEEN = "take out what no training view of --data sees"
-MASKS = "keep what masks of the training views of --data show in white"
-FLOATERS = "take out what floats in space that the training views of --data look through"
+BOX = "keep only what is in a box, given by its lowest and its highest corner"
+SPHERE = "keep only what is in a sphere, given by its centre and radius"
+MIN_OPACITY = "remove primitives with an opacity below this"
+MAX_SCALE = "remove primitives with a scale above this, in units of the model"
+CONNECTED = "keep only the N connected parts with the most primitives"
+SEEN = "remove what no training view of --data sees"
+MASKS = "keep only what is white in masks of the training views of --data"
+FLOATERS = "remove what floats in space that the training views of --data look through"
 MIXED_SH = (
-    "let each primitive have the SH degree that it needs, where that makes the file smaller; "
+    "give each primitive only the SH degree that it needs, if that makes the file smaller; "
     "other programs show such a file without its view-dependent colour"
 )
 
@@ -40,7 +40,7 @@ class CleanConfig:
         check_settings(self)
         for name in ("box", "sphere"):
             if (numbers := getattr(self, name)) and not all(map(math.isfinite, numbers)):
-                refuse(name, f"{_listed(numbers)} is no place", "use finite numbers")
+                refuse(name, f"{_listed(numbers)} is not a place", "use finite numbers")
         if self.box:
             wrong = [axis for axis, low, high in zip("xyz", self.box[:3], self.box[3:], strict=True) if low > high]
             if wrong:

@@ -82,7 +82,7 @@ def simplify_model(
     chosen = format_to_write(out)
     require_encoder(out, chosen)
     if config.dog and not chosen.dog:
-        raise DataError("--dog", f"{chosen.name} has no room for DoG", "write a .ply, or leave it out")
+        raise DataError("--dog", f"{chosen.name} cannot hold DoG", "write a .ply, or leave it out")
     read = read_source(model, out, "simplify")
     splats = read.splats
     target = config.count(splats.n_splats)
@@ -107,13 +107,13 @@ def simplify_model(
     left_out = [f"{model.name}: {line}" for line in read.left_out]
     if splats.is_cut.any():
         cut = counted(splats.is_cut.sum(), "primitive")
-        left_out.append(f"the cuts of {cut} are left out: what is merged is whole")
+        left_out.append(f"the cuts of {cut} are left out: merged primitives are whole")
     if splats.n_shifts:
         shifted = counted(splats.n_shifts, "primitive")
-        left_out.append(f"the shifts of {shifted} are left out: what is merged stands still")
+        left_out.append(f"the shifts of {shifted} are left out: merged primitives do not move with the view")
     if splats.is_varied.any():
         varied = counted(splats.is_varied.sum(), "primitive")
-        left_out.append(f"the {varying(splats)} of {varied} are left out: what is merged has a mean colour")
+        left_out.append(f"the {varying(splats)} of {varied} are left out: merged primitives have one mean colour")
     left_out += write_model(out, replace(read, splats=found, drawing=options.drawing.over(read.drawing)))
     after = quality(found) if config.steps else None
     return Simplified(splats.n_splats, found.n_splats, found.n_dog, len(others), quality(start), after, left_out)

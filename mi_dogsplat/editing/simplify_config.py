@@ -10,12 +10,12 @@ from ..support.wording import counted
 from ..training.strategy.scheduler import target_count
 from ..training.target import checked_target, target_bytes
 
-TARGET = "primitives that are left: a ratio (0.1, 10%) or a count (20000)"
-STEPS = "steps of the fit to renders of the model; 0: merge alone, which takes seconds"
-VIEWS = "renders to fit to, from around the model and from within"
-SIZE = "width and height of these renders, in pixels; every third is twice as wide and high"
-INSIDE = "share of these renders that is from free places within the model; 1 for a room"
-DOG = "end with Differences of Gaussians, fitted in the second half of the steps"
+TARGET = "primitives that remain: a ratio (0.1, 10%) or a count (20000)"
+STEPS = "steps of fitting to renders of the model; 0: only merge, which takes seconds"
+VIEWS = "number of these renders, from around the model and from inside of it"
+SIZE = "width and height of these renders, in pixels; every third one is twice as wide and high"
+INSIDE = "share of these renders that show the model from free places inside of it; use 1 for a room"
+DOG = "end with Differences of Gaussians, which are fitted in the second half of the steps"
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class SimplifyConfig:
     size: Annotated[tuple[int, int], Setting(SIZE, "W H")] = (400, 300)
     inside: Annotated[float, Setting(INSIDE, least=0, most=1)] = 0.5
     dog: Annotated[bool, Setting(DOG)] = False
-    seed: Annotated[int, Setting("seed of the places of cameras, and of their order", least=0, most=2**31 - 1)] = 0
+    seed: Annotated[int, Setting("seed of the places of cameras and of their order", least=0, most=2**31 - 1)] = 0
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -36,14 +36,14 @@ class SimplifyConfig:
             refuse("size", f"{self.size[0]} x {self.size[1]} is too small", "use at least 16 x 16")
         self._number()
         if self.dog and self.steps < 2:
-            refuse("dog", f"{counted(self.steps, 'step')} can fit none", "use --steps 2 or more")
+            refuse("dog", f"{counted(self.steps, 'step')} cannot fit DoG", "use --steps 2 or more")
 
     def count(self, n: int) -> int:
         """How many primitives the target is of ``n``. Raises ``DataError`` for none, or not fewer."""
         try:
             return target_count(self._number(), n)
         except ValueError as error:
-            refuse("target", str(error), "use one that leaves some, and fewer than there are")
+            refuse("target", str(error), "use one that leaves some primitives, but not all")
 
     def _number(self) -> float:
         """A ratio below 1, or a whole number. Raises ``DataError``."""
@@ -52,4 +52,4 @@ class SimplifyConfig:
                 return float(target)
         except ValueError:
             pass
-        refuse("target", f"{self.target} is no target", "use a ratio below 1 (0.1, 10%) or a whole number (20000)")
+        refuse("target", f"{self.target} is not a target", "use a ratio below 1 (0.1, 10%) or a whole number (20000)")

@@ -13,8 +13,8 @@ a = <g(r s), DoG> / <g(r s), g(r s)> leaves the error
 
 whose second term is made as large as it can be, one axis after the other.
 
-Measured (docs/export.md) this keeps far more than dropping the pseudo-Gaussian, lowering the peak, or matching moments;
-and ``refine.py`` brings back most of the rest. What colours vary by and cuts stay where they are in space.
+Measured (docs/export_details.md) this keeps far more than dropping the pseudo-Gaussian, lowering the peak, or matching
+moments; and ``refine.py`` brings back most of the rest. What colours vary by and cuts stay where they are in space.
 """
 
 from __future__ import annotations

@@ -11,15 +11,16 @@ from ..support.settings import Setting, check_settings, refuse
 
 SMALL_GRIDS = {"SPZ": "spz", "SOG": "sog"}  # of the formats that have coarse grids, their names there
 
-DOG = "DoG: bake (nearest Gaussians), drop (their primaries alone), or keep where the format knows them"
-SLOPES = "colours that vary over their primitive: drop (mean colours, the nearest), or keep where the format knows them"
-CUTS = "primitives that a plane cuts off: drop (nearest whole ones), or keep where the format knows them"
-SHIFTS = "places that depend on the view: drop (mean places), or keep where the format knows them"
-SPZ_VERSION = "version of an .spz: 3 or 4"
-SMALL = "SPZ, SOG: coarse grids and a palette, half the bytes or less; refined to lose little"
-REFINE = "steps that make up for what is left out, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
-MASKS = "folder of masks, named as the images of --data: black pixels are neither refined towards nor measured"
-VIEWS = "measure the loss on at most so many views; 0: on none"
+KEEP = "keep (for formats that can hold them)"
+DOG = f"what becomes of DoG: bake (the nearest Gaussians), drop (only their primaries), or {KEEP}"
+SLOPES = f"what becomes of colours that vary over a primitive: drop (mean colours remain), or {KEEP}"
+CUTS = f"what becomes of planes that cut primitives off: drop (the nearest whole primitives), or {KEEP}"
+SHIFTS = f"what becomes of places that depend on the view: drop (mean places remain), or {KEEP}"
+SPZ_VERSION = "version of an .spz file: 3 or 4"
+SMALL = "for SPZ and SOG: half the bytes or less, by coarse grids and a palette, for which the model is refined"
+REFINE = "steps of refinement after something was left out, 10 to 100 ms each on a CPU; 0: none (default: 300 to 1000)"
+MASKS = "folder of masks, named like the images of --data; black pixels count neither in refinement nor in measures"
+VIEWS = "measure the loss on at most this many views; 0: not at all"
 
 
 @dataclass(frozen=True)
@@ -42,14 +43,14 @@ class ExportConfig:
     def require_room(self, chosen: Format, upright: bool) -> None:
         """Raise ``DataError`` for what the format has no room for; ``upright``: whether the model is to be turned."""
         if self.dog == "keep" and not chosen.dog:
-            refuse("dog", f"{chosen.name} has no room for DoG to keep", "use bake or drop")
+            refuse("dog", f"{chosen.name} cannot hold DoG", "use bake or drop")
         for name, how in {"slopes": self.slopes, "cuts": self.cuts, "shifts": self.shifts}.items():
             if how == "keep" and not getattr(chosen, name):
-                refuse(name, f"{chosen.name} has no room for them", "use drop")
+                refuse(name, f"{chosen.name} cannot hold them", "use drop")
         if self.spz_version != SPZ_VERSIONS[0] and chosen.name != "SPZ":
             refuse("spz_version", f"{chosen.name} has no versions", "leave it out, or name a file that ends in .spz")
         if self.small and chosen.name not in SMALL_GRIDS:
-            refuse("small", f"{chosen.name} has no codes that compress", "name a file that ends in .spz or .sog")
+            refuse("small", f"{chosen.name} has no grids to make coarser", "name a file that ends in .spz or .sog")
         if self.small and upright:
             remedy = "make it upright first: dogsplat clean MODEL -o UPRIGHT.ply --upright"
-            refuse("upright", "the grids of a small file are for the model as it lies", remedy)
+            refuse("upright", "a small file is refined for the axes of the model", remedy)

@@ -4,7 +4,7 @@ With a data set these are its photographs, from its training views: so the expor
 gain a little on the model. What ``--appearance`` has learned of them is taken out of them first. Without a data set
 they are renders of the DoG model itself, from around it and from free places inside (``render/vantages.py``). Such
 views need not be like those that the model was trained for, so that the steps are fewer and smaller. Which pictures and
-which steps: docs/export.md.
+which steps: docs/export_details.md.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ def taken_out(stages: dict[str, Splats], chosen: Format) -> list[str]:
         lines.append(left + ("; --shifts keep keeps them" if chosen.shifts else ""))
     if WITHOUT_CUTS in stages:
         cut = counted(splats.is_cut.sum(), "primitive")
-        left = f"the cuts of {cut} are left out: each becomes the whole one nearest to it"
+        left = f"the cuts of {cut} are left out: each becomes the nearest whole primitive"
         lines.append(left + ("; --cuts keep keeps them" if chosen.cuts else ""))
     if WITHOUT_SLOPES in stages:
         varied = counted(splats.is_varied.sum(), "primitive")

@@ -137,7 +137,7 @@ def read_page(path: Path) -> Model:
     text = path.read_text(encoding="utf-8", errors="replace")
     scene, model = (re.search(rf'<script type="[^"]*" id="{id_}">([^<]*)</script>', text) for id_ in ("scene", "model"))
     if not scene or not model:
-        raise DataError(path, "is no page with a model of ours", "export it again")
+        raise DataError(path, "is not a web page of dogsplat export", "export it again")
     with TemporaryDirectory() as folder:
         (Path(folder) / BUNDLE).write_bytes(base64.b64decode(model[1]))
         read = read_model(Path(folder) / BUNDLE)
@@ -164,7 +164,7 @@ def _about(opening: Opening) -> str:
     """How to use the page, and before it why its picture is not that of the model."""
     why, differences = [], []
     if opening.n_dog:
-        shown = {"bake": "the Gaussian nearest to it", "drop": "its primary Gaussian alone"}[opening.dog]
+        shown = {"bake": "the Gaussian nearest to it", "drop": "only its primary Gaussian"}[opening.dog]
         why.append("no negative lobes")
         differences.append(f"each Difference of Gaussians is shown as {shown}")
     if opening.n_slopes:
@@ -172,7 +172,7 @@ def _about(opening: Opening) -> str:
         differences.append("these are shown in their mean colours")
     if opening.n_cuts:
         why.append("no Gaussians that a plane cuts off")
-        differences.append("each of those is shown as the whole one nearest to it")
+        differences.append("each of those is shown as the nearest whole Gaussian")
     if opening.n_shifts:
         why.append("no places that depend on the view")
         differences.append("Gaussians with such places are shown at their mean ones")

@@ -94,17 +94,17 @@ def export_model(
     looked_at = data if steps != 0 or config.views else None
     options.require_use(images=bool(looked_at), pictures=bool(page or config.views or looked_at))
     if data and not (looked_at or page or world.scale):
-        unused = "nothing is refined, and --views 0 measures nothing"
-        left_out.append(f"of --data nothing but world.json is looked at: {unused}")
+        unused = "there is nothing to refine, and --views 0 measures nothing"
+        left_out.append(f"only world.json of --data is used: {unused}")
     if config.masks and not looked_at:
-        refuse("masks", "is of photographs, and none are looked at", "add --data DATA, or leave it out")
+        refuse("masks", "is for photographs, and none are used", "add --data DATA, or leave it out")
     dataset = load_dataset(looked_at, options.shrink) if looked_at else None
     masks = Masks(config.masks, dataset.views) if dataset and config.masks else None
     left_out += without_mask(config.masks, (view.name for view in dataset.views)) if dataset else []
     steps = steps_for(dataset) if steps is None else steps
     if steps:
         if Unneeded.of(plain).invisible.all():
-            problem = "all of its primitives are invisible, so that no step could make up for anything"
+            problem = "all of its primitives are invisible, so that refinement has no effect"
             raise DataError(model, problem, "add --refine 0, or use another model")
         start = time.perf_counter()
         learned = model.parent / APPEARANCE
@@ -159,6 +159,6 @@ def _steps(config: ExportConfig, something_taken_out: bool) -> int | None:
         made_up_for = config.small or (something_taken_out and config.dog != "drop")
         return None if made_up_for and mi.variant() else 0
     if config.refine and not something_taken_out and not config.small:
-        problem = "no DoG, slopes, curvatures, cuts or shifts are taken out that could be made up for"
+        problem = "no DoG, slopes, curvatures, cuts or shifts are left out, so there is nothing to make up for"
         raise DataError("--refine", problem, "leave it out")
     return config.refine

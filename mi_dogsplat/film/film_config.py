@@ -11,13 +11,13 @@ from .usd_path import is_usd_path
 
 PATHS = ("auto", "orbit", "cameras")
 ONLY_FOR = {"elevation": "orbit", "zoom": "orbit", "smoothing": "cameras"}  # flags of one path
-PATH = "orbit, cameras (of the data or scene, smoothed), a JSON file of key frames, a .usd with a camera, or auto"
-SECONDS = "length of the film (default: 10, or what the key frames say)"
-FPS = "frames in a second (default: 30, or what the stage of --path says)"
-SIZE = "width and height in pixels (default: as the path, or the scene, has it, else 1280 720)"
+PATH = "path: orbit, cameras (of the data or scene, smoothed), a JSON of key frames, a .usd with a camera, or auto"
+SECONDS = "length of the film in seconds (default: 10, or what the key frames say)"
+FPS = "frames per second (default: 30, or what the .usd of --path says)"
+SIZE = "width and height in pixels (default: those of the path or of the scene, else 1280 720)"
 FOV = "field of view of the shorter side, in degrees (default: 40, or that of the cameras)"
-ELEVATION = "elevation of an orbit above the horizon, in degrees (default: 25, or as the cameras stand)"
-SMOOTHING = "for --path cameras: standard deviation of the mean, in cameras; at 0 the path leads through each"
+ELEVATION = "elevation of an orbit above the horizon, in degrees (default: 25, or that of the cameras)"
+SMOOTHING = "for --path cameras: standard deviation of the smoothing, in cameras; 0: the path leads through each one"
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,12 @@ class FilmConfig:
     size: Annotated[tuple[int, int] | None, Setting(SIZE, "W H")] = None
     fov: Annotated[float | None, Setting(FOV, "DEGREES", least=0.1, most=170)] = None
     elevation: Annotated[float | None, Setting(ELEVATION, "DEGREES", least=-89, most=89)] = None
-    zoom: Annotated[float, Setting("for an orbit: at 2 it is half as wide", least=1e-3, most=1e3)] = 1.0
+    zoom: Annotated[float, Setting("for an orbit: 2 makes it half as wide", least=1e-3, most=1e3)] = 1.0
     smoothing: Annotated[float, Setting(SMOOTHING, least=0, most=1e3)] = 2.0
     shutter: Annotated[
-        float, Setting("motion blur: share of a frame's time that the shutter is open, 0: none", least=0, most=1)
+        float, Setting("motion blur: share of a frame's time in which the shutter is open; 0: none", least=0, most=1)
     ] = 0.0
-    samples: Annotated[int, Setting("pictures whose mean is a blurred frame", least=2, most=1024)] = 8
+    samples: Annotated[int, Setting("pictures that are averaged into a blurred frame", least=2, most=1024)] = 8
     crf: Annotated[int, Setting("quality of the video: 0 is lossless, 51 the worst", least=0, most=51)] = 18
 
     def __post_init__(self) -> None:

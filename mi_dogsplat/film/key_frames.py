@@ -105,7 +105,7 @@ def _curves(
     length = period or times[-1] - times[0]
     swing = max(float(np.abs(zooms(times[0] + share * length)).max()) for share in np.linspace(0, 1, MOMENTS))
     if fov is None and swing > math.log(LARGEST):
-        problem = '"fov" changes so fast between two keys that no curve through it is one of lenses'
+        problem = '"fov" changes too fast between two keys for a smooth curve'
         raise DataError(path, problem, "give the change more time, or make two films")
 
     def at(share: float) -> Lens:
@@ -154,7 +154,7 @@ def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
     else:
         quaternion = _numbers(entry, "rotation", 4)
         if not 0.5 < np.linalg.norm(quaternion) < 2:
-            raise ValueError('"rotation" is no unit quaternion x, y, z, w')
+            raise ValueError('"rotation" is not a unit quaternion x, y, z, w')
         c2w = affine(Rotation.from_quat(quaternion).as_matrix(), position)
     return Key(time, c2w, focal, target, None)
 

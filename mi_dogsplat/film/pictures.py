@@ -36,7 +36,7 @@ class NumberedPictures:
         suffix = Path(self._pattern).suffix.lower()
         if suffix not in SUFFIXES or self._pattern.count("%") != 1 or not NUMBER.search(self._pattern):
             remedy = "name a video .mp4, a folder/, or pictures with a number as frames/%04d.png or frames/%04d.exr"
-            raise DataError(out, "is no film", remedy)
+            raise DataError(out, "is not a video or pictures", remedy)
         if self.folder.exists() and not self.folder.is_dir():
             raise DataError(self.folder, "is a file", "name a folder for the pictures")
         self.linear = suffix == ".exr"

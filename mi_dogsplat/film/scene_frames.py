@@ -76,7 +76,7 @@ class SceneFrames:
         if "principal_point_offset_x" in parameters:
             parameters["principal_point_offset_x"], parameters["principal_point_offset_y"] = offset
         elif max(map(abs, offset)) > OFF_CENTRE:
-            problem = "its cameras are shifted, and a thinlens sensor cannot be"
+            problem = "its principal points are shifted, and no thinlens sensor has that"
             raise DataError("--path", problem, "use a perspective sensor, or keys without cx and cy")
         parameters["x_fov"] = math.degrees(2 * math.atan(0.5 * width / camera.fx))
         parameters["to_world"] = mi.Transform4f(opencv_w2c_to_mitsuba_c2w(camera.w2c))

@@ -52,5 +52,5 @@ def _camera(drawn: SceneToDraw, number: int) -> Camera:
     try:
         return unmirrored(central_camera_from_mitsuba(sensor))
     except (KeyError, ValueError) as error:
-        problem = f"{told(sensor, number)} is no camera that a film can follow ({sensor.class_name()})"
+        problem = f"{told(sensor, number)} is not a camera that a film can follow ({sensor.class_name()})"
         raise DataError(drawn.file, problem, "choose a perspective or thinlens sensor by --sensor") from error

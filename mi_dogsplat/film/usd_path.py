@@ -65,7 +65,7 @@ def usd_path(text: str, model: Model | None, fov: float | None) -> CameraPath:
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
     if not regular:  # opening a pipe would wait for ever
-        raise DataError(path, "is no regular file", "give the path of an OpenUSD stage")
+        raise DataError(path, "is not a regular file", "give the path of an OpenUSD stage")
     with opened(path) as stage:
         return _path(path, stage, _camera(path, stage, name), model, fov)
 
@@ -187,6 +187,6 @@ def _rotation(path: Path, what: str, matrix: np.ndarray) -> np.ndarray:
     """The rotation [3, 3] that is nearest to the matrix of something; a mirrored camera goes without its mirror."""
     left, lengths, right = np.linalg.svd(matrix) if np.isfinite(matrix).all() else (matrix, np.zeros(3), matrix)
     if lengths.min() < SMALLEST:
-        raise DataError(path, f"{what} is flat", "give it, and what it hangs on, another scale")
+        raise DataError(path, f"{what} is flat", "give it, and its parents, another scale")
     rotation = left @ right
     return rotation @ np.diag([np.sign(np.linalg.det(rotation)), 1.0, 1.0])

@@ -85,7 +85,7 @@ def read(path: Path) -> Model:
     if "chunk" not in tables or not set(WORDS) <= set(vertex.dtype.names or ()):
         reader.fail("no chunks of packed primitives", "give a compressed PLY")
     if any(vertex.dtype[name].kind not in "iu" for name in WORDS):
-        reader.fail("its packed words are no integers", "export it again")
+        reader.fail("its packed words are not integers", "export it again")
     chunks = _chunks(reader, tables["chunk"])
     if len(chunks) * CHUNK < n or len(tables.get("sh", vertex)) != n:
         reader.fail(f"its chunks or spherical harmonics are too few for {counted(n, 'primitive')}")

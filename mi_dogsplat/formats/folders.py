@@ -25,6 +25,6 @@ def folder_given(folder: Path, models: list[Path], wanted: str) -> DataError:
         problem = "is a run that has no model yet"
         return DataError(folder, problem, "let it end (dogsplat train --resume); dogsplat view shows its checkpoint")
     if not DATA.isdisjoint(names):
-        problem = "is a data set, and here goes a model"
-        return DataError(folder, problem, "give one that dogsplat train makes of it, as RUN/point_cloud.ply")
+        problem = "is a data set, but a model is needed"
+        return DataError(folder, problem, "give one that was trained on it, as RUN/point_cloud.ply")
     return DataError(folder, "this is a folder", f"give the path of {wanted}")

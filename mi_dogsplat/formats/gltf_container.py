@@ -52,7 +52,7 @@ class Container:
                 binary = data[28 + length : 28 + length + size] if kind == BINARY_CHUNK else b""
             return cls(path, content, binary)
         except (struct.error, ValueError) as error:
-            raise DataError(path, f"is no glTF 2 ({error})", DAMAGED) from error
+            raise DataError(path, f"is not glTF 2 ({error})", DAMAGED) from error
 
     def accessor(self, index: Any) -> Array:
         """Values [count, width] of an accessor, as numbers; normalised integers become 0..1 or -1..1.
@@ -111,12 +111,12 @@ class Container:
     def _beside(self, uri: str) -> Path:
         name = unquote(uri)
         if "\0" in name or ":" in name or Path(name).is_absolute() or ".." in Path(name).parts:
-            raise ValueError(f'its buffer "{uri[:60]}" is no file beside it')
+            raise ValueError(f'its buffer "{uri[:60]}" is not a file beside it')
         return self.path.parent / name
 
     def _fetched(self, uri: Any) -> bytes:
         if not isinstance(uri, str):
-            raise ValueError('the "uri" of a buffer is no text')
+            raise ValueError('the "uri" of a buffer is not text')
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2], validate=True)
         file = self._beside(uri)
@@ -171,5 +171,5 @@ def entry(entries: Any, index: Any) -> Any:
 
 def _whole(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"{str(value)[:20]} is no whole number")
+        raise ValueError(f"{str(value)[:20]} is not a whole number")
     return value

@@ -47,7 +47,7 @@ def read(path: Path) -> Model:
     except DataError:
         raise
     except (struct.error, ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:
-        problem = f"is no glTF of Gaussians ({type(error).__name__}: {error})"
+        problem = f"is not a glTF file of Gaussians ({type(error).__name__}: {error})"
         if needed := _not_known(container.content):
             raise DataError(path, f"needs {needed}, which is not read, and without it {problem}", WITHOUT) from error
         raise DataError(path, problem, DAMAGED) from error
@@ -83,7 +83,7 @@ def _nodes(content: Any) -> Iterator[tuple[Any, Array]]:
         index, above, depth = waiting.pop(0)
         visits += 1
         if depth > MAX_DEPTH or visits > len(nodes):
-            raise ValueError("its nodes are no trees")
+            raise ValueError("its nodes do not form trees")
         node = entry(nodes, index)
         matrix = above @ matrix_of(node)
         if "mesh" in node:

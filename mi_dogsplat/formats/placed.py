@@ -32,7 +32,7 @@ def placing(drawing: Drawing, turn: Turn) -> Array:
 def require_alike(path: Path, found: list[tuple[Model, Array]]) -> None:
     """Raise ``DataError`` for linear and display-referred models in one file, of which there is no one model."""
     if len({bool(model.drawing.linear) for model, _ in found}) > 1:
-        raise DataError(path, "holds linear and display-referred primitives", "export two files, one of each")
+        raise DataError(path, "mixes linear and display-referred primitives", "export two files, one of each")
 
 
 def in_one_place(found: list[tuple[Model, Array]], turn: Turn) -> Model:

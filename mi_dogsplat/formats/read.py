@@ -120,7 +120,7 @@ def format_of(path: Path) -> Format:
     for suffix, chosen in FORMATS.items():  # its reader knows best what is wrong
         if path.name.lower().endswith(suffix):
             return PLY if chosen is COMPRESSED_PLY else chosen
-    raise DataError(path, "is no model of a known format", f"give {MODEL_NAMES}")
+    raise DataError(path, "is not a model of a known format", f"give {MODEL_NAMES}")
 
 
 def _head(path: Path) -> bytes:

@@ -45,7 +45,7 @@ def read(path: Path) -> Model:
                 folder = _folder_of_meta(path, bundle.namelist())
                 return _read(path, size, lambda name: _unpacked(path, size, bundle, folder + name))
         if path.suffix.lower() == ".sog":
-            raise DataError(path, "is no SOG model: it is no ZIP file, or a part of one", DAMAGED)
+            raise DataError(path, "is not a SOG model: it is not a ZIP file, or only a part of one", DAMAGED)
         files = _Folder(path)
         return _read(path, files.size(), files.content)
     except DataError:
@@ -56,7 +56,7 @@ def read(path: Path) -> Model:
         OSError, EOFError, zipfile.BadZipFile, KeyError, ValueError, IndexError, TypeError, AttributeError,
         NotImplementedError, RuntimeError, OverflowError, SyntaxError,  # of zipfile and Pillow
     ) as error:  # fmt: skip
-        problem = f"is no SOG model ({type(error).__name__}: {error})"
+        problem = f"is not a SOG model ({type(error).__name__}: {error})"
         raise DataError(path, problem, DAMAGED) from error
 
 
@@ -97,7 +97,7 @@ class _Folder:
         if name == META:
             return self.meta.read_bytes()
         if Path(name).name != name:
-            raise ValueError(f'"{name}" is no name of a file beside it')
+            raise ValueError(f'"{name}" is not the name of a file beside it')
         return (self.meta.parent / name).read_bytes()
 
     def size(self) -> int:

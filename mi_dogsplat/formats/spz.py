@@ -18,7 +18,7 @@ The reference encoder rounds SH further, to 5 and 4 bits, which compresses bette
 coarser rotations, x, y and z of 8 bits each, and so has 1, whose positions are 16-bit floats.
 
 Specification: the README of github.com/nianticlabs/spz (MIT). Own code: what was looked at, see
-docs/export.md.
+docs/export_details.md.
 """
 
 from __future__ import annotations

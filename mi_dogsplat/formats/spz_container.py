@@ -54,7 +54,7 @@ def unwrapped(path: Path, data: bytes) -> Payload:
     if data[:4] == NGSP:
         return _streams(path, data)
     if data[:2] != GZIP:
-        raise DataError(path, "is no SPZ file: it begins neither with gzip nor with NGSP", DAMAGED)
+        raise DataError(path, "is not an SPZ file: it begins neither with gzip nor with NGSP", DAMAGED)
     try:
         inflate = zlib.decompressobj(16 + zlib.MAX_WBITS)
         head = inflate.decompress(data, HEADER.size)
@@ -158,10 +158,10 @@ def _streams(path: Path, data: bytes) -> Payload:
 
 def _check(path: Path, magic: int, version: int, degree: int, versions: tuple[int, ...]) -> None:
     if magic != MAGIC:
-        raise DataError(path, "is no SPZ file: its header does not begin with NGSP", DAMAGED)
+        raise DataError(path, "is not an SPZ file: its header does not begin with NGSP", DAMAGED)
     if version not in versions:
         in_gzip = "pack it with gzip, which versions 1 to 3 are in"  # a browser may have unpacked it
-        remedies = dict.fromkeys((1, 2, 3), in_gzip) | {4: "unpack it: versions 1 to 3 alone are in gzip"}
+        remedies = dict.fromkeys((1, 2, 3), in_gzip) | {4: "unpack it: only versions 1 to 3 are in gzip"}
         remedy = remedies.get(version, "convert it to a version from 1 to 4")
         raise DataError(path, f"is SPZ of version {version}", remedy)
     if degree > MAX_DEGREE:

@@ -16,7 +16,7 @@ views that follow shifts are directions, and lie between bounds as they are: a c
 
 They are no elements because readers count these: splat-transform refuses a compressed PLY with one more. Bytes behind
 the last element and comments it leaves alone, as PlayCanvas does. Of DoG eight bits lose 0.005 dB at most
-(docs/export.md).
+(docs/export_details.md).
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ def require_sound(path: Path, file: BinaryIO, first: int, size: int) -> None:
             known = name.rstrip(b"\0").decode("latin-1")
             claimed += _claimed(part, known, start, start + length, packed) if known in EACH else 0
     except (struct.error, ValueError, OSError) as error:
-        raise DataError(path, f"is no binary OpenUSD ({error})", DAMAGED) from error
+        raise DataError(path, f"is not a binary OpenUSD file ({error})", DAMAGED) from error
     require_proportion(path, claimed, size)
 
 

@@ -35,7 +35,7 @@ def require_package(path: Path) -> None:
     except ImportError:
         raise DataError(path, "OpenUSD needs the package usd-core", "pip install 'mi_dogsplat[usd]'") from None
     except UnicodeEncodeError:
-        raise DataError(path, "its path is not UTF-8, and OpenUSD knows no other", "rename it") from None
+        raise DataError(path, "its path is not UTF-8, which OpenUSD needs", "rename it") from None
 
 
 def is_usd(head: bytes) -> bool:
@@ -69,7 +69,7 @@ def _places(path: Path, file: BinaryIO) -> list[tuple[int, int]]:
                 of_name, of_extra = struct.unpack("<HH", file.read(4))
                 found.append((entry.header_offset + NAME_AT + of_name + of_extra, entry.file_size))
     except (zipfile.BadZipFile, struct.error, ValueError, NotImplementedError, OSError) as error:
-        raise DataError(path, f"is no package of OpenUSD ({error})", DAMAGED) from error
+        raise DataError(path, f"is not an OpenUSD package ({error})", DAMAGED) from error
     return found
 
 

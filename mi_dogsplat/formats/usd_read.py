@@ -113,7 +113,7 @@ def _shown(stage: Usd.Stage) -> tuple[list[Usd.Prim], list[str]]:
     lines += [f"Gaussians of {counted(instancers, 'point instancer')}"] * bool(instancers)
     lines += missing(stage)
     if any(_changes(prim) for prim in (*shown, *hidden)):
-        lines.append("what changes with time: the first moment is taken")
+        lines.append("what changes with time: the first moment is used")
     return shown, lines
 
 

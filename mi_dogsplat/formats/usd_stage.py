@@ -60,8 +60,8 @@ def looked_at(path: Path) -> Iterator[None]:
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
     except (ValueError, TypeError, LookupError, OverflowError) as error:
-        problem = f"is no OpenUSD that can be used ({error})"
-        raise DataError(path, problem, "mend that, or copy or export it again") from error
+        problem = f"is not OpenUSD that can be used ({error})"
+        raise DataError(path, problem, "correct that, or copy or export the file again") from error
     finally:
         del unheard
 

@@ -49,7 +49,7 @@ def write_model(
     Gaussians of them). Raises ``ValueError`` for what is no path or no model.
     """
     if not isinstance(path, (str, os.PathLike)):
-        raise ValueError(f"write_model: the path comes first, then the model; {type(path).__name__} is no path")
+        raise ValueError(f"write_model: the path comes first, then the model; {type(path).__name__} is not a path")
     path = Path(path)
     chosen = format_to_write(path)
     model = model if isinstance(model, Model) else Model(model)
@@ -85,10 +85,10 @@ def _require_room(path: Path, chosen: Format, model: Model) -> None:
     """Raise ``DataError`` for DoG, or no primitives, that a format has no room for."""
     splats = model.splats
     if splats.n_dog and not chosen.dog:
-        problem = f"{chosen.name} has no room for DoG, the model has {splats.n_dog} of them"
+        problem = f"{chosen.name} cannot hold DoG, and the model has {splats.n_dog} of them"
         raise DataError(path, problem, "bake them first, as dogsplat export does, or write a .ply")
     if not splats.n_splats and not chosen.empty:
-        problem = f"{chosen.name} has no room for a model without primitives"
+        problem = f"{chosen.name} cannot hold a model without primitives"
         raise DataError(path, problem, "write one that has some, or a .ply")
 
 
@@ -125,15 +125,15 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
     if model.splats.is_cut.any() and not chosen.cuts:
         n = count(model.splats.is_cut.sum())
-        became = "each becomes the whole one nearest to it"
-        lost.append(f"{chosen.name} has no primitive that is cut off: the cuts of {n} are left out, {became}")
+        became = "each becomes the nearest whole primitive"
+        lost.append(f"{chosen.name} cannot hold cuts: those of {n} are left out; {became}")
     if model.splats.is_varied.any() and not chosen.slopes:
         n = count(model.splats.is_varied.sum())
         what = f"the {varying(model.splats)} of {n} are left out"
-        lost.append(f"{chosen.name} has no colour that varies over a primitive: {what}, each has its mean colour")
+        lost.append(f"{chosen.name} cannot hold colours that vary over a primitive: {what}; each has its mean colour")
     if model.splats.n_shifts and not chosen.shifts:
         what = f"the shifts of {count(model.splats.n_shifts)} are left out"
-        lost.append(f"{chosen.name} has no place that depends on the view: {what}, each has its mean place")
+        lost.append(f"{chosen.name} cannot hold places that depend on the view: {what}; each has its mean place")
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
     return lost

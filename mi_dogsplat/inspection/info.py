@@ -68,7 +68,7 @@ def _unknown(path: Path) -> DataError:
     if meta.is_file() and is_sog_meta(meta):  # whose pictures are no photographs
         return DataError(path, "this is a folder", f"give the model in it: {meta}")
     if (path / POSED / POSES).is_file():
-        return DataError(path, "is a run that has not begun to train", "the same dogsplat train goes on with it")
+        return DataError(path, "is a run that has not begun to train", "give its dogsplat train command again")
     if needs_poses(path):
         require_input(path)
         remedy = "dogsplat poses makes a data set of it; dogsplat train does that by itself"

@@ -74,7 +74,7 @@ def model_problems(splats: Splats, white: float = 1.0) -> list[str]:
     distances = np.linalg.norm(splats.means - centre, axis=1)  # [N]
     brightest = C0 * np.maximum(splats.sh_coeffs.max(axis=(1, 2)), -splats.sh_coeffs.min(axis=(1, 2)))  # [N]
     kinds = [
-        (lengths == 0, "a quaternion of length zero, so no orientation"),
+        (lengths == 0, "a quaternion of length zero, and so no orientation"),
         (
             (abs(lengths - 1) > UNIT_TOLERANCE) & (lengths > 0),
             "a quaternion that is not of unit length: harmless here, but some programs do not normalise",

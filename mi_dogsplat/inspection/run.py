@@ -45,7 +45,7 @@ def describe_run(path: Path) -> list[str]:
     if run.metrics is None:
         problems.append("the run is not complete: it was interrupted, or is still running")
     if run.broken_rows:
-        problems.append(f"{HISTORY} has {counted(run.broken_rows, 'line')} of something else than JSON")
+        problems.append(f"{HISTORY} has {counted(run.broken_rows, 'line')} without valid JSON")
     return lines + problem_lines(problems)
 
 

@@ -103,7 +103,7 @@ def make_masks(
 def require_new(out: Path) -> None:
     """Raise ``DataError`` for a folder of masks in whose place there is something."""
     if out.exists() and not (out.is_dir() and is_empty(out)):
-        raise DataError(out, "exists, and is not an empty folder", "remove it, or name another")
+        raise DataError(out, "exists, and is not an empty folder", "remove it, or name another folder")
 
 
 def shrink_for(views: Sequence[View]) -> int:

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from ..support.settings import Setting, check_settings
 
-TIMES = "mask where the error is at least so many times what it usually is where the same things are seen"
-MASKS = "folder of masks that there are, named as the images: what they paint black stays black, and tells nothing"
+TIMES = "mask where the error is at least this many times the usual one of all photographs at that place of the scene"
+MASKS = "folder of masks that exist already, named like the images; what is black there stays black and is ignored"
 
 
 @dataclass(frozen=True)

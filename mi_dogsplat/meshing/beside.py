@@ -34,7 +34,7 @@ def require_ours(*files: Path) -> None:
             with writing(file), file.open("rb") as there:
                 ours = MARK in there.read(HEAD)
             if not ours:
-                problem = "is there, is no texture of an earlier mesh, and would be lost"
+                problem = "exists, is no texture of an earlier mesh, and would be lost"
                 raise DataError(file, problem, "move it, or give the mesh another name")
 
 

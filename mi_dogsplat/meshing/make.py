@@ -69,7 +69,7 @@ def make_mesh(
             drawn = look_from_near(splats, drawn).drawn
     mesh, voxel = surface_of(splats, cameras, drawn, config, show)
     if not len(mesh.faces):
-        problem = "no surface is seen that hides half of what is behind it"
+        problem = "no surface is found that hides half of what is behind it"
         raise DataError(model, problem, "use a smaller --voxel or --near-clip, a larger --reach, or other views")
     write(out, mesh, said)
     return Meshed(len(mesh.faces), len(cameras), voxel)

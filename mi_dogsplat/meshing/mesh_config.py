@@ -7,16 +7,16 @@ from typing import Annotated
 
 from ..support.settings import Setting, check_settings, is_said, refuse
 
-USUAL_VOXEL = "(default: radius of the model / 128, or a few times that where views are coarse)"
-VOXEL = f"distance of the points at which the surface is looked for, world units {USUAL_VOXEL}"
-REACH = "how far from the middle of the model there is a mesh, in radii of the model"
-MIN_FACES = "leave out connected parts with fewer triangles"
-CONNECTED = "keep the N connected parts with most triangles"
-FACES = "simplify the mesh to N triangles, where it has more"
-TEXTURE = "colours in a picture of N x N pixels, in place of one for each vertex; needs --faces, and no .ply"
-VIEWS = "views to fuse, from around the model and from within; --data has its own"
+USUAL_VOXEL = "(default: radius of the model / 128, or a few times that if the views are coarse)"
+VOXEL = f"spacing of the grid on which the surface is found, in world units {USUAL_VOXEL}"
+REACH = "how far the mesh extends from the middle of the model, in radii of the model"
+MIN_FACES = "leave out connected parts with fewer triangles than this"
+CONNECTED = "keep only the N connected parts with the most triangles"
+FACES = "simplify the mesh to N triangles if it has more"
+TEXTURE = "write colours as a texture of N x N pixels, not for each vertex; needs --faces, and is not for .ply"
+VIEWS = "number of views to fuse, from around the model and from inside of it; --data has its own views"
 SIZE = "width and height of these views, in pixels"
-INSIDE = "share of these views that is from free places within the model; 1 for a room"
+INSIDE = "share of these views that show the model from free places inside of it; use 1 for a room"
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class MeshConfig:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.texture is not None and self.faces is None:
-            refuse("texture", "needs few triangles", "give --faces, 20000 for instance, as well")
+            refuse("texture", "needs few triangles", "also give --faces, for instance 20000")
         if not 16 <= min(self.size) <= max(self.size) <= 16_384:
             refuse("size", f"{self.size[0]} x {self.size[1]} is out of range", "use 16 to 16384 pixels")
 

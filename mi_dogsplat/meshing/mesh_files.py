@@ -48,7 +48,7 @@ def writer_of(path: Path, texture: bool = False) -> Writer:
         raise DataError(path, "no known mesh format", f"name a file that ends in {', '.join(WRITERS)}")
     if texture and write not in WITH_TEXTURE:
         names = ", ".join(name for name, written in WRITERS.items() if written in WITH_TEXTURE)
-        raise DataError(path, "has no place for a texture", f"name a file that ends in {names}")
+        raise DataError(path, "cannot hold a texture", f"name a file that ends in {names}")
     if write is write_usd:
         require_package(path)
     if texture and path.suffix.lower() not in WHOLE:

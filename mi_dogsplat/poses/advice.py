@@ -16,7 +16,7 @@ LARGE_ERROR = 1.2  # pixels
 NARROW, WIDE = 15, 110  # degrees along the longer side: beyond, few lenses that are no fisheyes are
 
 
-TAKE_MORE = "take more, so that each shows two thirds of what the one before shows"
+TAKE_MORE = "take more images, so that each shows two thirds of what the one before shows"
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def advice_on_capture(evidence: Evidence) -> list[Advice]:
         found.append(Advice(what, TAKE_MORE))
     if _turns_only(evidence):
         what = f"the camera turns but is not carried (a rotation explains {evidence.rotating:.0%} of the pairs)"
-        what += ": from one place no depth can be seen"
+        what += ": depth cannot be seen from one place"
         found.append(Advice(what, "walk sideways or around the scene"))
     if evidence.still > STILL:
         what = f"a part of the image stands still while the rest moves ({evidence.still:.0%} of the pairs)"
@@ -69,7 +69,7 @@ def advice_on_capture(evidence: Evidence) -> list[Advice]:
         found.append(Advice(what, "paint it black in --masks"))
     if evidence.n_pairs and evidence.explained < EXPLAINED:
         what = f"much of what is seen moves by itself (one motion explains {evidence.explained:.0%} of the matches)"
-        found.append(Advice(what, "mask people, cars or water with --masks, or come back when they are away"))
+        found.append(Advice(what, "mask people, cars or water with --masks, or come back when they are gone"))
     return found
 
 
@@ -80,14 +80,14 @@ def advice_on_model(outcome: Outcome) -> list[Advice]:
         what = f"only {outcome.n_registered} of {outcome.n_images} images have a pose"
         if outcome.others:
             what += f", others form groups of {', '.join(map(str, outcome.others))}"
-        found.append(Advice(what, "take more images between these and the rest, or leave the rest out"))
+        found.append(Advice(what, "take more images between these and the others, or leave the others out"))
     if outcome.error > LARGE_ERROR:
-        what = f"the reprojection error is large ({outcome.error:.2f} px): the lens bends more than its model does, "
-        what += "images are blurred, or the shutter rolls"
-        found.append(Advice(what, "try --lens OPENCV, or move more slowly"))
+        what = f"the reprojection error is large ({outcome.error:.2f} px): the lens model does not fit, "
+        what += "images are blurred, or the shutter is a rolling one"
+        found.append(Advice(what, "try --lens OPENCV, or move the camera more slowly"))
     if unlikely := [angle for angle in outcome.guessed if not NARROW < angle < WIDE]:
-        what = f"a camera comes out {unlikely[0]:.0f}° wide, which is unlikely: its focal length was not to be found"
-        found.append(Advice(what, "take images from more sides, or ones whose EXIF has the focal length"))
+        what = f"a camera comes out {unlikely[0]:.0f}° wide, which is unlikely: its focal length could not be found"
+        found.append(Advice(what, "take images from more sides, or images whose EXIF states the focal length"))
     return found
 
 

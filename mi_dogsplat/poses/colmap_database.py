@@ -68,7 +68,7 @@ def opened(pycolmap: Any, path: Path) -> Iterator[Any]:
         database = pycolmap.Database.open(str(path))
     except (RuntimeError, ValueError) as error:  # which does not say why
         require_room(path, EMPTY_BYTES)
-        raise DataError(path, "cannot be read as COLMAP's database", "remove it, and begin anew") from error
+        raise DataError(path, "cannot be read as COLMAP's database", "remove it, and start again") from error
     try:
         yield database
     finally:

@@ -16,14 +16,14 @@ LENSES = (  # lens.py reads them all but the last one
 FREE = ("gpu", "source", "masks")  # may change from one start to the next; digests tell what lies there
 DEFAULT_LENS = "SIMPLE_RADIAL"
 LENS = (
-    f"lens of each camera, a model of COLMAP's: {', '.join(LENSES)} (panoramas, cut into six views each; default: "
-    f"{DEFAULT_LENS}, and {EQUIRECTANGULAR} where the images say so)"
+    f"lens of each camera, as a camera model of COLMAP: {', '.join(LENSES)}; the last is for panoramas, which are cut "
+    f"into six views each (default: {DEFAULT_LENS}, or {EQUIRECTANGULAR} if the images say so)"
 )
-FRAMES = "frames to take of a video (default: as many as its motion asks for, at most 300)"
-MASKS = "folder of masks, named as the images: nothing black is matched (default: INPUT/masks where there is one)"
-LINEAR = "keep the light of raw photographs, as OpenEXR (default: they become JPEG); images in OpenEXR keep theirs"
-UNDISTORT = "write images as of a pinhole, for programs that know no lenses; else images keep pixels and lens"
-SIZE = "longest side of the images in which features are sought; larger ones are shrunk for that"
+FRAMES = "number of frames to take from a video (default: as many as its motion needs, at most 300)"
+MASKS = "folder of masks, named like the images; what is black is not matched (default: INPUT/masks if it exists)"
+LINEAR = "keep the light of raw photographs, as OpenEXR (default: they become JPEG); OpenEXR images always keep theirs"
+UNDISTORT = "remove lens distortion from the images, for programs that know only pinholes (default: they keep it)"
+SIZE = "longest side of the images in which features are looked for; larger images are shrunk for this"
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class PosesConfig:
     undistort: Annotated[bool, Setting(UNDISTORT)] = False
     scale: Length = None
     feature_size: Annotated[int, Setting(SIZE, least=64)] = 2000
-    seed: Annotated[int, Setting("seed of every random choice", least=0, most=2**31 - 1)] = 0
+    seed: Annotated[int, Setting("seed of all random choices", least=0, most=2**31 - 1)] = 0
     gpu: Annotated[bool, Setting("find and match features on a GPU (needs a pycolmap with CUDA)")] = False
 
     def __post_init__(self) -> None:

@@ -34,7 +34,7 @@ def take_frames(
         write_json(choice, choose(marks, n))
     chosen: list[int] = read_json(choice, "remove the file")
     if len(chosen) < FEWEST:
-        raise DataError(video, "nothing moves in it", "walk around what you film: depth shows in views from elsewhere")
+        raise DataError(video, "nothing moves in it", "walk around what you film: depth needs different places")
     names = {index: f"frame_{index:06d}.jpg" for index in chosen}
     missing = {index for index, name in names.items() if not (folder / name).is_file()}
     for index, frame, aspect in read_frames(video) if missing else ():

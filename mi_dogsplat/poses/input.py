@@ -73,16 +73,16 @@ def _too_few(top: Path, found: list[Path], beside: list[Path]) -> DataError:
     remedy = f"name the video itself: {videos[0]}" if videos else "give at least two that overlap, better 20 to 200"
     remedy = f"move the {counted(len(beside), 'image')} beside it into it, or rename it" if beside else remedy
     n = "no image" if not found else "a single image"
-    return DataError(top, f"has {n}, and depth shows in several alone", remedy)
+    return DataError(top, f"has {n}, and depth needs several", remedy)
 
 
 def _unfit(files: list[Path], n_found: int, linear: bool) -> DataError:
     """Images that cannot be taken beside ``n_found`` others."""
     part = f"{len(files)} of {len(files) + n_found} are such"
     if linear:
-        return DataError(files[0], f"holds no linear light ({part})", "leave out --linear, or such images")
+        return DataError(files[0], f"holds no linear light ({part})", "leave out --linear, or remove such images")
     if raw_files.is_raw(files[0]):
-        remedy = "export them as JPEG like the others, or give raw photographs alone"
+        remedy = "export them as JPEG like the others, or give only raw photographs"
         return DataError(files[0], f"is raw, and others are not ({part})", remedy)
     kind = files[0].suffix[1:].upper()
     remedy = "export them as JPEG or PNG, in the size in which they were taken"
@@ -100,7 +100,7 @@ def not_taken(source: Path, masks: Path | None = None) -> list[str]:
     beside = _beside(source)
     if not beside or (masks is not None and masks.resolve() == source.resolve()):
         return []
-    only = f"there is {source / 'images'}, and only what is in that is taken; move them into it, or rename it"
+    only = f"only images in {source / 'images'} are used; move them into it, or rename it"
     return [f"{counted(len(beside), 'image')} of this folder, such as {beside[0].name}: {only}"]
 
 
@@ -135,10 +135,10 @@ def require_input(path: Path) -> None:
         if _is_result(path):
             if (path / SETTINGS).is_file():
                 problem = "has no poses yet: the search for them was stopped, or found none"
-                raise DataError(path, problem, "give the photographs that it was begun with, or what has poses")
+                raise DataError(path, problem, "give the photographs that it was made of, or a data set with poses")
             if (path / CAPTURE).is_file():
                 problem = "is a capture of a scene that was stopped, whose cameras are written at its end"
-                raise DataError(path, problem, "let it end: the same dogsplat capture goes on")
+                raise DataError(path, problem, "let it end: the same dogsplat capture command continues")
             refuse_run(path)
         if not _has_cameras(path) and (inner := _data_sets_in(path)):
             problem = "has no cameras itself, and all of its images lie in folders that have some"

@@ -43,6 +43,6 @@ def lens_of(said: Mapping[Path, bool], lens: str | None) -> str:
         return EQUIRECTANGULAR
     panorama = next((path for path, says in said.items() if says), None)
     if panorama and lens != EQUIRECTANGULAR:
-        remedy = f"leave out --lens {lens}" if lens else "leave it out, or give such files alone"
+        remedy = f"leave out --lens {lens}" if lens else "remove it, or give only such files"
         raise DataError(panorama, "says that it is a panorama of all directions", remedy)
     return lens or DEFAULT_LENS

@@ -89,7 +89,7 @@ def cut_of(sizes: Mapping[Path, tuple[int, int]]) -> Cut:
     first, (wide, _) = next(iter(sizes.items()))
     for path, (width, height) in sizes.items():
         if width != 2 * height:
-            problem = f"is {width}x{height}, no panorama of all directions, which is twice as wide as high"
+            problem = f"is {width}x{height}, but a panorama of all directions is twice as wide as high"
             raise DataError(path, problem, f"leave it out, or leave out --lens {EQUIRECTANGULAR}")
         if width != wide:
             problem = f"is {width}x{height}, and {first.name} is {wide}x{wide // 2}"

@@ -42,11 +42,11 @@ class Summary:
     @staticmethod
     def read(folder: Path) -> Summary:
         """That of a data set. Raises ``DataError``."""
-        remedy = "remove the folder, and begin anew"
+        remedy = "remove the folder, and start again"
         try:
             return Summary(**read_json(folder / SUMMARY, remedy))
         except TypeError as error:
-            raise DataError(folder / SUMMARY, f"is no summary ({error})", remedy) from error
+            raise DataError(folder / SUMMARY, f"is not a summary ({error})", remedy) from error
 
     def write(self, folder: Path) -> None:
         write_json(folder / SUMMARY, dataclasses.asdict(self))
@@ -58,10 +58,10 @@ class Summary:
             f"reprojection error {self.error:.2f} px, {self.observations:.0f} observations per image"
         ]
         lines += [f"camera: {camera}" for camera in self.cameras]
-        unit = "of structure from motion; --scale makes it metres" if self.scale is None else "a metre"
+        unit = "arbitrary; --scale makes it a metre" if self.scale is None else "a metre"
         lines.append(f"up is -y, {self.up_from}; the unit is {unit}")
         if self.n_masks:
-            lines.append(f"{counted(self.n_masks, 'mask')}; train with --masks masks/ of this folder")
+            lines.append(f"{counted(self.n_masks, 'mask')}; train with --masks and the folder masks/ here")
         if self.without_pose:
             named = ", ".join(self.without_pose[:MOST_NAMES])
             more = len(self.without_pose) - MOST_NAMES

@@ -68,7 +68,7 @@ def _up(c2w: np.ndarray, downs: np.ndarray) -> tuple[np.ndarray, str]:
 
     What images say is blurred by how the hand moved, so their median direction counts (Weiszfeld 1937).
     """
-    by_cameras = "as the cameras were held; no image says where down is"
+    by_cameras = "as the cameras were held, because no image says where down is"
     if len(downs) < FEWEST:
         return up_of_cameras(c2w), by_cameras
     middle = downs.mean(axis=0)
@@ -79,7 +79,7 @@ def _up(c2w: np.ndarray, downs: np.ndarray) -> tuple[np.ndarray, str]:
     cosines = downs @ middle / max(length, 1e-12)
     off = float(np.degrees(np.arccos(np.clip(np.median(cosines), -1, 1))))
     if off > AGREED:
-        return up_of_cameras(c2w), f"as the cameras were held; {len(downs)} images say where down is, and disagree"
+        return up_of_cameras(c2w), f"as the cameras were held; {len(downs)} images say where down is, but disagree"
     return -middle / length, f"as {len(downs)} images say where down is; they agree to {off:.1f} degrees"
 
 

@@ -10,15 +10,17 @@ from ..scene.drawing import Drawing
 from ..support.settings import Setting, check_settings, refuse
 
 BACKGROUNDS = ("black", "white", "auto", "random")
-BEHIND = "black, white, auto: white for images with alpha, else black"
+BEHIND = "auto is white for images with alpha, else black"
 
-SHRINK = "shrink the images by this whole factor, once, at load"
+SHRINK = "shrink the images by this whole factor when they are loaded"
 Downscale = Annotated[int, Setting(SHRINK, least=1)]
-Background = Annotated[str, Setting(f"{BEHIND}; random: another each step", choices=BACKGROUNDS)]
+PAINTED = f"colour behind the model: black, white, auto or random; {BEHIND}; random is a new colour at each step"
+Background = Annotated[str, Setting(PAINTED, choices=BACKGROUNDS)]
 MIP = "compensate opacities for the screen-space low-pass filter"
-NEAR = "primitives nearer to the camera plane are dropped, world units"
+NEAR = "leave out primitives that are nearer to the camera plane than this, in world units"
 Antialiased = Annotated[bool, Setting(MIP)]
 FILE = "(default: as the file says)"
+BEHIND_PICTURES = f"colour behind the model: black, white or auto; {BEHIND}; random is the same as auto"
 
 
 @dataclass(frozen=True)
@@ -33,11 +35,11 @@ class PictureOptions:
 
     downscale: Annotated[int | None, Setting(f"{SHRINK} (default: 1)", least=1)] = None
     background: Annotated[
-        str | None, Setting(f"{BEHIND}; random: as auto (default: auto)", choices=BACKGROUNDS)
+        str | None, Setting(f"{BEHIND_PICTURES} (default: auto)", choices=BACKGROUNDS)
     ] = None
     antialiased: Annotated[bool | None, Setting(f"{MIP} {FILE}")] = None
     near_clip: Annotated[float | None, Setting(f"{NEAR} {FILE}", least=0, most=1e30)] = None
-    linear: Annotated[bool | None, Setting(f"its colours are linear radiance, not sRGB {FILE}")] = None
+    linear: Annotated[bool | None, Setting(f"the colours of the model are linear radiance, not sRGB {FILE}")] = None
 
     white: Annotated[float | None, Setting(f"linear radiance that is shown as white {FILE}", "L", 1e-30, 1e30)] = None
 
@@ -57,7 +59,7 @@ class PictureOptions:
     def require_for(self, linear: bool) -> None:
         """Raise ``DataError`` for a white that pictures of a model, ``linear`` or not, do not go by."""
         if self.white is not None and not linear:
-            problem = "is of linear radiance, and the colours of the model are sRGB values"
+            problem = "is for linear radiance, but the model has sRGB colours"
             refuse("white", problem, "leave it out, or add --linear")
 
     def require_use(self, images: bool, pictures: bool) -> None:
@@ -66,7 +68,7 @@ class PictureOptions:
         if self.shrink > 1 and not images:
             refuse("downscale", "there are no images to shrink", "leave it out")
         if self.background not in (None, "auto") and not pictures:
-            refuse("background", "no picture is drawn that has one", "leave it out")
+            refuse("background", "no picture with a background is drawn", "leave it out")
 
     def or_trained(self, trained: Mapping[str, Any]) -> PictureOptions:
         """With the downscale and background of a run that was ``trained`` with these settings, where none is said."""

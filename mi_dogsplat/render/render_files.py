@@ -62,7 +62,7 @@ def render_model(
     require_memory(out, view.camera.width, view.camera.height, suffix, "ask for a smaller picture, as by --downscale 2")
     background = view.background if suffix == ".png" else 0.0
     if appearance and view.drawn.linear:
-        raise DataError("--appearance", "is of photographs, and the model holds linear radiance", "leave it out")
+        raise DataError("--appearance", "is for photographs, but the model holds linear radiance", "leave it out")
     numbers = read_appearance(Path(appearance)).numbers(view.camera, view.name) if appearance else None
     picture = picture_of(read.splats, background, view.drawn, names)(view.camera)
     if numbers is not None:
@@ -102,7 +102,7 @@ def render_scene(
     path, out = Path(path), Path(out)
     require_suffix(out)
     if out.suffix.lower() == ".npz":
-        raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
+        raise DataError(out, "arrays are only written for models", "name a file that ends in .png or .exr")
     require_place(out)
     options = SceneOptions(spp, denoise, sensor, defined)
     with drawing or nullcontext():
@@ -129,7 +129,7 @@ def _aovs(out: Path, aovs: str | None) -> list[str]:
     suffix = out.suffix.lower()
     if suffix != ".exr":
         if aovs is not None:
-            raise DataError("--aovs", f"{out} has no room for them", "name a file that ends in .exr")
+            raise DataError("--aovs", f"{out} cannot hold them", "name a file that ends in .exr")
         return ["depth"] if suffix == ".npz" else []
     try:
         names = read_names("depth" if aovs is None else aovs)

@@ -118,7 +118,7 @@ def mitsuba_errors(path: Path) -> Iterator[None]:
 def _sensor(scene: Any, path: Path, number: int) -> Any:
     """The one with this number."""
     if not isinstance(scene, mi.Scene):
-        raise RuntimeError("its root is no scene")
+        raise RuntimeError("its root element is not <scene>")
     n_sensors = len(scene.sensors())
     if not n_sensors:
         raise RuntimeError("it has no sensor")
@@ -167,5 +167,5 @@ def _ask_for_guides(integrator: Any, film: mi.Film) -> None:
         remedy = 'give the scene <integrator type="dogpath"/>, or leave the flag out'
         raise DataError("--denoise", "is for the integrator dogpath, and the scene has another", remedy)
     if (found := pixel_format_of(film)) not in ("rgb", "rgba"):
-        raise DataError("--denoise", f'is for colours, and the film is {found}', 'choose the "pixel_format" rgb')
+        raise DataError("--denoise", f'needs colours, but the film is {found}', 'choose the "pixel_format" rgb')
     integrator.denoising = True

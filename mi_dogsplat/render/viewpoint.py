@@ -60,12 +60,12 @@ def _camera(
     """The camera to render from, whether the images of its data set have alpha, and the name of the view that it is."""
     if camera and Path(camera).suffix.lower() == ".json":
         if data:
-            raise DataError("--data", "is for a view by its name, and --camera names a file", "leave one of them out")
+            raise DataError("--data", "is for views by name, but --camera names a file", "leave one of them out")
         return _downscaled(read_camera(camera), downscale), False, None
     if not data:
         if camera:
             remedy = "add --data DATA whose view it is, or name a camera file"
-            raise DataError("--camera", f'"{camera}" is no .json file', remedy)
+            raise DataError("--camera", f'"{camera}" is not a .json file', remedy)
         return _downscaled(automatic_camera(splats, up_axis), downscale), False, None
     from ..datasets import load_dataset  # here: it needs the extra "train", a model alone does not
     from ..datasets.dataset import view_meant
@@ -77,7 +77,7 @@ def _camera(
     if name is None:
         near = difflib.get_close_matches(told, views, MAX_NAMES, cutoff=0.3) or list(views)[:MAX_NAMES]
         listed = ", ".join(near)
-        raise DataError("--camera", f'"{told}" is no view of {data}', f"it has {len(views)}, such as {listed}")
+        raise DataError("--camera", f'"{told}" is not a view of {data}', f"it has {len(views)}, such as {listed}")
     return views[name].camera, dataset.has_alpha, name
 
 

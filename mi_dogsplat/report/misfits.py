@@ -16,7 +16,7 @@ CAUSES = {
     "exposure": ("exposure or white balance", "a change of its colours", "train with --appearance"),
     "pose": ("its pose is off", "a small motion of the render", "correct its pose, or leave the image out"),
     "blur": ("it is blurred", "a blur of the render", "leave the image out"),
-    "region": ("a part of it: in the way, moved, or hardly seen elsewhere", "a part of the picture", MASK),
+    "region": ("something was in the way, moved, or is hardly seen elsewhere", "a part of the picture", MASK),
 }  # fmt: skip
 PICTURES = {"Photograph": "_gt", "Render": "", "Error": "_error"}
 
@@ -62,9 +62,9 @@ def _shown(run: Run, name: str, entry: Mapping[str, Any], pictured: bool) -> Sho
     figures = [Figure(what, embedded_jpeg(picture), picture.size) for what, picture in pictures.items()]
     cause, by, remedy = CAUSES.get(str(entry.get("cause")), ("not clear", "", "look at it"))
     share = finite(entry.get("explained"))
-    evidence = f"{by} explains {100 * share:.0f} % of the error, beyond what is usual" if by and share else ""
+    evidence = f"{by} explains {100 * share:.0f} % of its error, more than usual" if by and share else ""
     if by and not share:  # told by its lack of fine detail alone
-        evidence = "it has far less fine detail than others, against their renders"
+        evidence = "compared with its render, it has far less fine detail than other images"
     return ShownMisfit(
         name, finite(entry.get("psnr")), finite(entry.get("below")), cause, evidence, remedy, figures, missing
     )

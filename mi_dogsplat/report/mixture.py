@@ -64,8 +64,8 @@ def _pictures(run: Run, name: str, segment: tuple[int, float, int]) -> tuple[lis
     plain = None if n is None or n_dog is None else n - n_dog
     suffixes = {
         "Render": "",
-        f"The {count(plain)} plain Gaussians alone": "_gaussian",
-        f"The {count(n_dog)} DoG alone": "_dog",
+        f"The {count(plain)} plain Gaussians only": "_gaussian",
+        f"The {count(n_dog)} DoG only": "_dog",
         "Render without DoG": "_plain",
         "FLIP error with DoG": "_error",
         "FLIP error without DoG": "_plain_error",

@@ -48,4 +48,4 @@ def load_checkpoint(path: Path) -> dict[str, np.ndarray]:
     except FileNotFoundError:
         raise DataError(path, "there is no checkpoint", "train without --resume") from None
     except ValueError:
-        raise DataError(path, "is not a readable checkpoint", "remove it, and begin anew") from None
+        raise DataError(path, "is not a readable checkpoint", "remove it, and start again") from None

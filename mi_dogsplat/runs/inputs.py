@@ -21,7 +21,7 @@ def check_inputs(config: TrainConfig, out: Path) -> None:
         try:
             _place(path).encode()
         except UnicodeEncodeError:
-            raise DataError(path, f"its path is not UTF-8, and {CONFIG} holds no other", "rename it") from None
+            raise DataError(path, f"its path is not UTF-8, which {CONFIG} needs", "rename it") from None
     run, remedy = out.resolve(), "name another folder for the run"
     if config.model is not None and Path(config.model).resolve() in model_files(run):
         raise DataError(out, "is the run that its model comes from", remedy)

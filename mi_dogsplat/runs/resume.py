@@ -32,7 +32,7 @@ def require_no_stopped_run(out: Path) -> None:
     with locked(out, IN_USE):
         folder = CHECKPOINT.parent.as_posix()
         problem, other = "holds a training that was stopped", f"remove {folder}/ there, or name another folder"
-        raise DataError(out, problem, f"add --resume (in Python resume=True) to go on with it; to begin anew, {other}")
+        raise DataError(out, problem, f"add --resume (in Python resume=True) to go on with it; to start again, {other}")
 
 
 def resume_run(trainer: Trainer, out: Path, recipe: Mapping[str, Any] | None = None) -> None:
@@ -82,7 +82,7 @@ def restore_from(trainer: Trainer, path: Path) -> None:
     except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
         if isinstance(error, DataError):
             raise
-        raise DataError(path, f"does not fit this run ({error})", "remove it, and begin anew") from None
+        raise DataError(path, f"does not fit this run ({error})", "remove it, and start again") from None
 
 
 def forget_results(out: Path) -> None:

@@ -68,7 +68,7 @@ def _writing(out: Path) -> Iterator[None]:
         if error.errno in FORBIDDEN:
             raise DataError(path, problem, "name a folder that can be written, or correct its permissions") from error
         again = "--resume goes on from the checkpoint" if (out / CHECKPOINT).exists() else "start it again"
-        raise DataError(path, problem, f"make room, or look after the disk; {again}") from error
+        raise DataError(path, problem, f"make room on the disk, or check it; {again}") from error
 
 
 def train(

@@ -29,7 +29,7 @@ def up_vector(up: str) -> np.ndarray:
         numbers = []
     length = math.hypot(*numbers)
     if len(numbers) != 3 or not SHORTEST < length < LONGEST:  # NaN is neither
-        raise ValueError(f'"{up}" is no direction')
+        raise ValueError(f'"{up}" is not a direction')
     return np.array(numbers) / length
 
 

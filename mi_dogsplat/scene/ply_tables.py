@@ -33,7 +33,7 @@ MAX_COLOR = 65535  # of the widest integers that colours are written in
 _NAMED = 4  # elements in the words about a file that is too short, so that they stay a line
 
 NOT_3DGS = "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*"
-NOT_FINITE = "take those primitives out with dogsplat clean, or export the model again"
+NOT_FINITE = "remove those primitives with dogsplat clean, or export the model again"
 _DAMAGED = "the file is damaged or incomplete: copy or export it again"
 
 

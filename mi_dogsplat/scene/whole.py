@@ -135,7 +135,7 @@ def _keep_colors(splats: Splats, at: Array, moved: Array, turn: Array) -> None:
 def counted(across: Array) -> Array:
     """[C, 3] what normals are multiplied by along each axis: how much of it lies across views, 1 for that of a ball.
 
-    Found by how near pictures from all sides come to those of the model (docs/export.md).
+    Found by how near pictures from all sides come to those of the model (docs/export_details.md).
     """
     return np.minimum(1, 1.5 * across)
 

@@ -18,7 +18,7 @@ def bytes_of(text: str) -> int:
     """``4G``, ``512M``, ``1.5 GB``, ``2GiB`` or plain bytes. Raises ``ValueError``."""
     match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d{1,15})?)\s*([KMGT]?)(I?)B?\s*", text.upper())
     if not match or (match[3] and not match[2]):
-        raise ValueError(f'"{text}" is no amount of memory')
+        raise ValueError(f'"{text}" is not an amount of memory')
     unit = 1024 ** " KMGT".index(match[2]) if match[3] else UNITS[match[2]]
     return int(float(match[1]) * unit)
 

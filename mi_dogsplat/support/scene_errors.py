@@ -24,7 +24,7 @@ def as_mitsuba_reads(path: Path) -> str:
     try:
         str(path).encode()
     except UnicodeEncodeError:
-        raise DataError(path, "its path is not UTF-8, and Mitsuba reads no other", "rename it") from None
+        raise DataError(path, "its path is not UTF-8, which Mitsuba needs", "rename it") from None
     return str(path)
 
 

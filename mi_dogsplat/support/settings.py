@@ -71,7 +71,7 @@ def _typed(name: str, given: Any, hint: Any) -> Any:
                 return tuple(found)
         if not parts and (found := _plain(value, kind)) is not None:
             return found
-    refuse(name, f"{given!r:.80} is of another type", "use " + " or ".join(map(_words, kinds)))
+    refuse(name, f"{given!r:.80} has the wrong type", "use " + " or ".join(map(_words, kinds)))
 
 
 def _of_python(value: Any) -> Any:

@@ -19,42 +19,42 @@ PRUNING_PRESETS = "use " + " or ".join(name for name in RECIPES if RECIPES[name]
 FREE = ("checkpoint_seconds", "memory", "up", "scale", "unit")
 FREE_TO_RESUME = (*FREE, "data_on_disk")  # as the numbers of images are the same from there
 PRESETS = (
-    "recipe: ours; ours_slopes (with colours that vary over their primitives); ours_cuts (and planes that cut them "
-    "off); ours_preconditioned (and preconditioned steps); ours_second_cuts (and a second plane for each); "
-    "ours_curvatures (and a brightness that curves over them); ours_shifts (and places that depend on the view); "
-    "ours_early (and a shorter growth in larger steps); paper or released (the method as printed, as in its code); "
-    "3dgs (baseline)"
+    "recipe of the training: ours; or one that adds to it, each to the one before: ours_slopes (colours that vary over "
+    "a primitive), ours_cuts (planes that cut primitives off), ours_preconditioned (preconditioned steps), "
+    "ours_second_cuts (a second plane), ours_curvatures (brightness that curves over a primitive), ours_shifts (places "
+    "that depend on the view), ours_early (a shorter growth in larger steps); or paper (the method as printed), "
+    "released (the method as in its authors' code), 3dgs (the baseline)"
 )
-WORLD_SCALE = "remove primitives larger than this many camera extents (default: the preset's)"
-VARIANT = "Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb"
-TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: eight times a run"
+WORLD_SCALE = "remove primitives that are larger than this many camera extents (default: the preset's)"
+VARIANT = "Mitsuba variant; auto takes cuda_ad_rgb if there is a GPU, else llvm_ad_rgb"
+TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: measure eight times"
 MEASURED = (
-    "views to measure: test; or validation, which are the data's own or else every 8th training view, and then no test "
-    "view is read"
+    "views on which the model is measured: test or validation; validation views are the data's own, or else every 8th "
+    "training view, and no test view is read then"
 )
-USUAL_NEAR = "(default: 0.2, or a sixteenth of the camera extent where that is less)"
-NEAR_ZONE = "remove primitives nearer than this to a training camera, world units; 0: none"
-APPEARANCE = "learn exposure and white balance of each training image, and the vignetting of each camera"
-BATCH = "views in a step, which takes the mean of their gradients; step sizes grow with the square root of N"
-REFINE_POSES = "correct the poses of the training views by the photographs, beside the model"
+USUAL_NEAR = "(default: 0.2, or a sixteenth of the camera extent if that is less)"
+NEAR_ZONE = "remove primitives that are nearer than this to a training camera, in world units; 0: none"
+APPEARANCE = "learn the exposure and white balance of each training image, and the vignetting of each camera"
+BATCH = "views in each step, whose gradients are averaged; step sizes grow with the square root of N"
+REFINE_POSES = "correct the poses of the training views, by the photographs, while the model is trained"
 PRECONDITIONED = (
-    "move the numbers of each primitive jointly once pruning is over; ours_preconditioned and those that add to it do "
-    "so anyway"
+    "after pruning, move the numbers of each primitive together; ours_preconditioned and the presets that add to it "
+    "always do so"
 )
 GROWTH = (
-    "share of the steps in which the model grows; these steps are twice as large, and all that follows comes earlier "
-    "(default: that of the preset, mostly a half, in steps as large as those of 3DGS)"
+    "share of the steps in which the model grows; these steps become twice as large, and what follows begins earlier "
+    "(default: that of the preset, mostly a half, with the step sizes of 3DGS)"
 )
-MASKS = "folder of masks, named as the images: black pixels do not count"
+MASKS = "folder of masks, named like the images; black pixels do not count"
 FORMATS = ("ply", "spz", "sog")
-FORMAT = f"file to train for, of {', '.join(FORMATS)}: the last part of the training sees the model as it will be there"
+FORMAT = f"file to train for ({', '.join(FORMATS)}): the last part of the training sees the model as that file holds it"
 TARGET = (
-    "what pruning leaves, less what fades later: a ratio (0.1, 10%), a count of primitives (20000), or the size of the "
-    "file (2MB)"
+    "size after pruning: a ratio (0.1, 10%), a count of primitives (20000), or the size of the file (2MB); primitives "
+    "that fade later are removed as well"
 )
 WHITE = "radiance that is shown as white, for OpenEXR images (default: twice the 95th percentile of their luminances)"
-MEMORY = "train within this, such as 8G; memory of the GPU, where one computes (default: what is free)"
-CHECKPOINTS = "seconds between checkpoints; more where they would take over a fiftieth of the time"
+MEMORY = "memory that the training may use, such as 8G; on a GPU its own memory (default: what is free)"
+CHECKPOINTS = "seconds between checkpoints; more if they would take over a fiftieth of the time"
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,10 @@ class TrainConfig:
     Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed.
     """
 
-    data: Annotated[str, Setting("data set: COLMAP folder, transforms*.json folder, or Mitsuba scene XML")]
+    data: Annotated[str, Setting("data set: a COLMAP folder, a folder with transforms*.json, or a Mitsuba scene XML")]
     preset: Annotated[str, Setting(PRESETS, choices=tuple(RECIPES))] = "ours"
     steps: Annotated[
-        int, Setting("training steps; the whole schedule scales along (default: the preset's)", least=1)
+        int, Setting("training steps; the whole schedule is scaled to them (default: the preset's)", least=1)
     ] = FROM_RECIPE
     target: Annotated[str | float, Setting(TARGET, metavar="X")] = 0.1
     growth: Annotated[float | None, Setting(GROWTH, "X", least=0.05, most=0.6)] = None
@@ -88,12 +88,12 @@ class TrainConfig:
     refine_poses: Annotated[bool, Setting(REFINE_POSES)] = False
     preconditioned: Annotated[bool, Setting(PRECONDITIONED)] = False
     data_on_disk: Annotated[
-        bool, Setting("decode images when they are due, a few ahead, instead of holding all of them")
+        bool, Setting("decode each image shortly before it is needed, instead of holding all in memory")
     ] = False
     initial_primitives: Annotated[
-        int, Setting("random primitives to start from when the data has no points", least=1)
+        int, Setting("number of random primitives to start from if the data has no points", least=1)
     ] = 20_000
-    seed: Annotated[int, Setting("seed of every random choice", least=0)] = 0
+    seed: Annotated[int, Setting("seed of all random choices", least=0)] = 0
     variant: Annotated[str, Setting(VARIANT)] = "auto"
     log_every: Annotated[int, Setting("steps between rows of history.jsonl", least=1)] = 50
     test_every: Annotated[int, Setting(TESTS, least=0)] = 0

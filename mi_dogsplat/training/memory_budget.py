@@ -185,7 +185,6 @@ def _bands(dataset: Dataset) -> int:
     return min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
 
 
-
 def _saturated_sizes(dataset: Dataset) -> list[int]:
     """Pixels of each training view that is saturated somewhere."""
     views = dataset.train if dataset.white is not None else []

@@ -30,7 +30,7 @@ def checked_target(target: float | str) -> float | str:
         number = 0.0  # 1.0 means all of them, and not a single one
     if 0 < number < 1 or (number >= 1 and number.is_integer()):  # NaN is neither
         return number
-    raise ValueError(f"{text} is no target")
+    raise ValueError(f"{text} is not a target")
 
 
 def target_bytes(target: float | str) -> int | None:

@@ -248,7 +248,7 @@ def serve(
     """
     require_arrays()
     if not 0 < port < 65536:
-        raise DataError("--port", f"{port} is no port", "use 1 to 65535")
+        raise DataError("--port", f"{port} is not a port", "use 1 to 65535")
     source = Source(Path(model))
     dataset = _dataset(data, source, options)
     options.require_use(images=dataset is not None, pictures=True)

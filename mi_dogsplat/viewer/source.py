@@ -61,7 +61,7 @@ class Source:
         except (ValueError, KeyError, TypeError, IndexError) as error:
             if self.is_run and isinstance(error, DataError):
                 raise
-            raise DataError(file, "is not the checkpoint of a training", "give a model or a run folder") from error
+            raise DataError(file, "is not a checkpoint of a training", "give a model or a run folder") from error
         splats = splats if self.white is None else brightened(splats, self.white)
         steps = self.config.get("steps")
         of = f" of {steps:,}" if isinstance(steps, int) else ""

@@ -19,7 +19,7 @@ MOVING_SHARE = 0.4  # of the height, while the camera moves
 SMALLEST = 16  # pixels
 WIDEST = 8.0  # width over height of a full picture: a window that is pulled flat asks for hundreds
 
-MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS = "model", "DoG switched off", "DoG alone", "Gaussians alone"
+MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS = "model", "DoG switched off", "only DoG", "only Gaussians"
 VARYING = ("slopes", "curvatures", "slopes and curvatures")  # of a model, which are switched off together
 WITHOUT_VARYING = {what: f"{what} switched off" for what in VARYING}
 VARYING_DIFFERENCE = {what: f"{what} on and off: difference" for what in VARYING}

@@ -337,7 +337,7 @@ def test_depth_of_field_is_drawn_by_paths_or_said_to_be_left_out(scene, tmp_path
     assert order.whole == blurred and order.notes[0] == "motion blur is left out"
     if blurred:
         assert json.loads(Path(order.request["scene"]).read_text())["sensor"]["type"] == "thinlens"
-    said = ["depth of field is left out; it takes Whole Scene and Linear colors"]
+    said = ["depth of field is left out; it needs Whole Scene and Linear colors"]
     assert order.notes[1:] == ([] if blurred else said)
     scene.camera.data.dof.aperture_blades = 5
     order = make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, [])

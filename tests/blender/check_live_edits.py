@@ -169,7 +169,7 @@ def test_a_stand_in_that_has_lost_points_is_refused_in_one_line(model):
     bpy.ops.object.mode_set(mode="OBJECT")
     obj.select_set(True)
     for operator in (bpy.ops.dogsplat.finish_painting, bpy.ops.dogsplat.apply_edits, bpy.ops.dogsplat.apply_transform):
-        with pytest.raises(RuntimeError, match="^Error: .dog paint. has lost or got points.*\n$"):
+        with pytest.raises(RuntimeError, match="^Error: .dog paint.: the number of its points has changed.*\n$"):
             operator()
     assert stand_in_of(obj) == stand_in
 

@@ -109,7 +109,7 @@ def test_what_takes_a_pinhole_refuses_an_orthographic_camera(scene, model, tmp_p
     place_camera(scene, "dog")
     load(model)
     scene.camera.data.type = "ORTHO"
-    with pytest.raises(RuntimeError, match="is orthographic; this takes a perspective camera"):
+    with pytest.raises(RuntimeError, match="is orthographic; this needs a perspective camera"):
         bpy.ops.export_scene.dogsplat_path(filepath=str(tmp_path / "keys.json"))
     assert not any(tmp_path.iterdir())
 
@@ -118,7 +118,7 @@ def test_depth_of_field_of_an_orthographic_camera_is_said_to_be_left_out(scene, 
     orthographic(scene, "parallel").data.dof.use_dof = True
     load(REFERENCES / "parallel.ply")
     order = make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, [])
-    assert order.notes == ["depth of field is left out; it takes a perspective camera"]
+    assert order.notes == ["depth of field is left out; it needs a perspective camera"]
 
 
 def test_a_panorama_is_refused_by_our_engine(scene, by_command):

@@ -146,7 +146,7 @@ def test_a_shadow_catcher_and_rays_that_are_not_told_apart_are_said(scene, model
     lamp.visible_diffuse = splats.visible_shadow = False
     notes = written(scene, tmp_path)[0].notes
     assert len(notes) == 3 and f'"{wall.name}": a shadow catcher is drawn as any other object' in notes
-    assert {f'"{obj.name}": Ray Visibility holds for the camera alone' for obj in (lamp, splats)} < set(notes)
+    assert {f'"{obj.name}": of Ray Visibility, only Camera has an effect' for obj in (lamp, splats)} < set(notes)
 
 
 def test_hair_fog_light_linking_and_lights_without_shadows_are_said(scene, tmp_path):
@@ -164,7 +164,7 @@ def test_hair_fog_light_linking_and_lights_without_shadows_are_said(scene, tmp_p
     assert sorted(written(scene, tmp_path)[0].notes) == sorted([
         f'"{wall.name}": its hair is left out',
         f'"{linked.name}": its light linking is left out',
-        f'"{lamp.data.name}": a light without shadows casts them here',
+        f'"{lamp.data.name}": a light without shadows casts shadows here',
         f'"{world.name}": its volume is left out',
     ])  # fmt: skip
 

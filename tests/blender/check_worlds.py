@@ -102,7 +102,7 @@ def test_a_world_that_not_all_rays_see_is_said_to_be_seen(scene, tmp_path):
     background(scene)
     assert notes_of(scene, tmp_path) == []
     scene.world.cycles_visibility.camera = False
-    assert notes_of(scene, tmp_path) == ["its Ray Visibility is left out"]
+    assert notes_of(scene, tmp_path) == ["its Ray Visibility is ignored"]
 
 
 def test_a_picture_that_no_link_takes_is_no_part_of_the_world(scene):

@@ -54,7 +54,7 @@ def test_the_page_shows_every_part():
     ]  # fmt: skip
     tiles = [words(tile) for tile in page.findall(".//*[@class='tile']")]
     assert tiles == [
-        "Image error ↓ 0.001 mean, defaults, a < b", "of it rounding ↓ 1.0e−7 float32 against float64",
+        "Image error ↓ 0.001 mean, defaults, a < b", "Its rounding ↓ 1.0e−7 float32 against float64",
         "Gradient error ↓ 0.002 relative, the worst parameter", "Forward 5.0 ms 15.0 with backward",
         "Stability 2 cases 0 of them defined, 1 wrong", "Training 2 runs error against wall-clock time",
     ]  # fmt: skip

@@ -85,7 +85,7 @@ def test_names_of_images_do_not_reach_the_terminal_as_they_are(capsys, data, tmp
 def test_train_says_which_views_it_measured(capsys, data, tmp_path):
     command = ["train", data, "-o", tmp_path / "run", *SMALL[:3], "2", *SMALL[4:], "--split", "validation"]
     status, printed, _ = run(capsys, *command)
-    assert status == 0 and "measuring 1 validation view," in printed and "\nvalidation views: PSNR" in printed
+    assert status == 0 and "measuring 1 validation view and" in printed and "\nvalidation views: PSNR" in printed
     assert "test view" not in printed
 
 
@@ -115,13 +115,13 @@ def test_train_says_which_masks_are_not_followed_and_which_images_have_none(caps
     write_png(tmp_path / "data" / "masks" / "r_1.png", np.ones((15, 21), np.float32))
     command = ["train", file.parent, "-o", tmp_path / "run", "--preset", "3dgs", "--steps", "2", *SMALL[4:]]
     command += ["--initial-primitives", "50"]
-    said = f'{file.parent}: not read: the "mask_path" of 1 of its frames, which --masks {file.parent / "masks"} would'
+    said = f'{file.parent}: not read: the "mask_path" of 1 of its frames; --masks {file.parent / "masks"} uses them'
     status, printed, _ = run(capsys, *command)
     assert status == 0 and said in printed
     masks, n = file.parent / "masks", len(content["frames"])
     status, printed, _ = run(capsys, *command, "--masks", masks)
     assert status == 0 and "not read" not in printed
-    assert f"{masks}: no mask for {n - 1} of {n} images, such as r_0: all of their pixels count\n" in printed
+    assert f"{masks}: no mask for {n - 1} of {n} images, such as r_0; all of their pixels count\n" in printed
     for k in range(n):
         write_png(masks / f"r_{k}.png", np.ones((15, 21), np.float32))
     assert "no mask" not in run(capsys, *command, "--masks", masks)[1]
@@ -173,7 +173,7 @@ def test_eval_with_masks_that_leave_nothing_to_measure_is_one_line(capsys, model
 
 def test_eval_says_which_images_have_no_mask(capsys, model, data, tmp_path):
     write_png(tmp_path / "1.png", np.ones((tiny_data.HEIGHT, tiny_data.WIDTH), np.float32))  # of a training view
-    said = f"{tmp_path}: no mask for 1 of 1 images, such as 0: all of their pixels count\n"
+    said = f"{tmp_path}: no mask for 1 of 1 images, such as 0; all of their pixels count\n"
     assert said in run(capsys, "eval", model, data, "--masks", tmp_path)[1]
 
 
@@ -234,9 +234,9 @@ def test_the_help_of_a_command_shows_examples_that_parse(capsys, command, monkey
 def test_only_what_takes_a_run_folder_speaks_of_its_settings(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "300")
     texts = {command: run(capsys, command, "--help")[1] for command in COMMANDS}
-    told = {command for command, text in texts.items() if "of a run folder, as it was trained" in text}
+    told = {command for command, text in texts.items() if "for a run folder: as in its training" in text}
     assert told == {"film", "view"}
-    assert "auto: grey" in texts["simplify"] and "images with alpha" not in texts["simplify"]
+    assert "auto, which is grey" in texts["simplify"] and "images with alpha" not in texts["simplify"]
 
 
 def test_the_help_of_the_program_names_every_command_a_first_run_and_exit_codes(capsys):
@@ -348,8 +348,8 @@ def test_bad_files_are_one_line_that_names_them(capsys, model, data, tmp_path):
         (["render", model, "-o", out, "--camera", tmp_path / "bad.json"], "bad.json"),
         (["render", model, "-o", tmp_path / "v.exr", "--aovs", "albedo"], "albedo"),
         (["render", tmp_path / "bad.xml", "-o", tmp_path / "v.exr", "--aovs", "depth"], 'the property "aovs"'),
-        (["render", tmp_path / "bad.xml", "-o", out, "--data", data], "--data: is for models"),
-        (["render", tmp_path / "bad.xml", "-o", out, "--near-clip", "1"], "--near-clip: is for models"),
+        (["render", tmp_path / "bad.xml", "-o", out, "--data", data], "--data: is only for models"),
+        (["render", tmp_path / "bad.xml", "-o", out, "--near-clip", "1"], "--near-clip: is only for models"),
         (["render", model, "-o", out, "--camera", "0"], "--data"),
         (["render", model, "-o", out, "--data", data, "--camera", "zebra"], "zebra"),
         (["prune", tmp_path / "missing.ply", data, "-o", tmp_path / "run"], "missing.ply"),

@@ -48,7 +48,7 @@ def test_the_bar_of_the_training_has_ended_before_the_model_is_measured(tmp_path
     monkeypatch.setattr(tour, "capture", lambda *_: None)
     monkeypatch.setattr(tour, "train", train)
     assert main(["-o", str(tmp_path), "--steps", "300", "--variant", "llvm_ad_rgb"]) == 2
-    assert told[0].splitlines()[-1] == "all steps are done; measuring 1 test view, writing the report"
+    assert told[0].splitlines()[-1] == "all steps are done; measuring 1 test view and writing the report"
     assert "300/300" in told[1] and "300/300" not in capsys.readouterr().err
     (tmp_path / "run" / "checkpoint").mkdir(parents=True)
     (tmp_path / "run" / "checkpoint" / "state.npz").touch()

@@ -43,7 +43,7 @@ def test_one_command_masks_what_moved_and_trains(capsys, data, tmp_path):
     assert config["masks"] == str(out / "masks") and config["steps"] == 100 and config["preset"] == "3dgs"
     assert json.loads((out / "first" / "config.json").read_text())["masks"] is None
     assert (out / "masked.png").is_file() and (out / "point_cloud.ply").is_file()
-    assert f"into {out / 'first'}" in said and f"{out / 'masks'}: " in said
+    assert f"small model in {out / 'first'}" in said and f"{out / 'masks'}: " in said
 
     made = (out / "masks" / "4.png").stat().st_mtime_ns, (out / "first" / "metrics.json").stat().st_mtime_ns
     assert run(capsys, "train", data, "-o", out, *FLAGS, "--mask-moved", "--resume")[0] == 0
@@ -79,7 +79,7 @@ def test_what_was_stopped_goes_on(capsys, data, tmp_path, monkeypatch, stage):
     assert status == 130 and not (out / "masks").exists() and not (out / "config.json").exists()
     status, said, _ = run(capsys, "train", data, "-o", out, *FLAGS, "--mask-moved", "--resume")
     assert status == 0 and (out / "masks").is_dir() and (out / "point_cloud.ply").is_file()
-    assert ("training a small model first" in said) == (stage == "first")
+    assert ("first training a small model" in said) == (stage == "first")
 
 
 def test_masks_of_somebody_else_are_not_replaced(capsys, data, tmp_path):

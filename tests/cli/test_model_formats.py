@@ -132,7 +132,7 @@ def test_export_keeps_dog_only_where_there_is_room(capsys, tmp_path):
     export = ["export", tmp_path / "a.ply", "--views", "0", "--dog", "keep", "-o"]
     assert run(capsys, *export, tmp_path / "b.ply")[0] == 0
     assert read_model(tmp_path / "b.ply").splats.n_dog == tiny_data.dog_model().n_dog
-    assert_one_line(run(capsys, *export, tmp_path / "b.spz"), "--dog", "SPZ has no room")
+    assert_one_line(run(capsys, *export, tmp_path / "b.spz"), "--dog", "SPZ cannot hold DoG")
 
 
 def test_prune_looks_at_its_model_before_the_data(capsys, data, tmp_path):

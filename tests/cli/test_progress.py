@@ -24,5 +24,5 @@ def test_a_training_that_had_nothing_to_prune_says_so_at_its_end(capsys):
     with shown_training(2) as show:
         for row in (*rows, {"step": 2, "n": 7, "l1": 0.1}, {"step": 2, "n": 7, "measured": 3}):
             show(row)
-    lines = ["no pruning: too small", "all steps are done; measuring 3 test views, writing the report"]
+    lines = ["no pruning: too small", "all steps are done; measuring 3 test views and writing the report"]
     assert capsys.readouterr().out.splitlines()[-2:] == lines

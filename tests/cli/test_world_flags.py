@@ -80,17 +80,17 @@ def test_upright_turns_the_numbers_themselves(capsys, model, tmp_path, command):
 
 def test_bad_worlds_are_one_line(capsys, model, data, tmp_path):
     cases = {
-        ("--up", "up"): '--up: "up" is no direction',
+        ("--up", "up"): '--up: "up" is not a direction',
         ("--unit", "0"): "--unit: 0.0 is out of range",
-        ("--scale", "0", "1", "-2"): '--scale: "-2" is no length',
+        ("--scale", "0", "1", "-2"): '--scale: "-2" is not a length',
         ("--scale", "0", "1", "2"): "--scale: needs the cameras of a data set",
         ("--data", data, "--scale", "0", "nobody", "2"): '--scale: no image "nobody" has a pose',
-        ("--data", data, "--scale", "a", "b", "2", "--unit", "3"): "--scale: measures what --unit says already",
+        ("--data", data, "--scale", "a", "b", "2", "--unit", "3"): "--scale: says the same as --unit",
         ("--upright",): "--upright: nothing says what is up in the model",
     }
     for flags, line in cases.items():
         assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "a.ply", *flags), line)
     both = "--scale", "0", "4", "2", "--unit", "3"
-    assert_one_line(run(capsys, "train", data, "-o", tmp_path / "run", *SMALL, *both), "--scale: measures what --unit")
+    assert_one_line(run(capsys, "train", data, "-o", tmp_path / "run", *SMALL, *both), "--scale: says the same")
     both = run(capsys, "export", model, "-o", tmp_path / "a.spz", "--small", "--up=-y", "--upright")
     assert_one_line(both, "make it upright first: dogsplat clean")

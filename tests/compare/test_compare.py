@@ -58,19 +58,19 @@ def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(com
         ({"data": []}, "DATA: is empty; give at least one"),
         ({"seeds": []}, "--seeds: is empty; give at least one"),
         ({"methods": []}, "--only: is empty; give at least one"),
-        ({"data": "nowhere"}, 'DATA: is "nowhere"; give a list, of one where it is the only one'),
+        ({"data": "nowhere"}, 'DATA: is "nowhere"; give a list, even of only one'),
         ({"methods": "ours"}, '--only: is "ours"; give a list'),
-        ({"seeds": [0.5]}, "--seeds: 0.5 is no whole number; use 0, 1, 2 and so on"),
-        ({"seeds": ["a"]}, "--seeds: 'a' is no whole number; use 0, 1, 2 and so on"),
+        ({"seeds": [0.5]}, "--seeds: 0.5 is not a whole number; use 0, 1, 2 and so on"),
+        ({"seeds": ["a"]}, "--seeds: 'a' is not a whole number; use 0, 1, 2 and so on"),
         ({"methods": ["magic"]}, '--only: "magic" is unknown; use 3dgs, '),
         ({"seeds": [0, -1]}, "--seeds: -1 is out of range"),
         ({"workers": -1}, "--workers: -1 is out of range"),
         ({"workers": 2, "cluster": "nowhere"}, "--workers: is for runs on this machine"),
         ({"config": TrainConfig("", target="2MB")}, "--target: 2MB is the size of a file"),
-        ({"config": TrainConfig("", **SETTINGS, growth=0.3)}, "--growth: changes the schedules .*; leave it out"),
-        ({"config": TrainConfig("", "ours", steps=60, model="a.ply")}, "--model: is a start of one.s own"),
-        ({"targets": ["x"]}, "--more-targets: x is no target; use a ratio"),
-        ({"targets": [-1]}, "--more-targets: -1 is no target"),
+        ({"config": TrainConfig("", **SETTINGS, growth=0.3)}, "--growth: changes schedules .*; leave it out"),
+        ({"config": TrainConfig("", "ours", steps=60, model="a.ply")}, "--model: would give runs another start"),
+        ({"targets": ["x"]}, "--more-targets: x is not a target; use a ratio"),
+        ({"targets": [-1]}, "--more-targets: -1 is not a target"),
         ({"config": TrainConfig("", **SETTINGS, masks="nowhere")}, "nowhere: no such folder"),
         ({"config": TrainConfig("", **SETTINGS, masks=str(Path(__file__).parent))}, "has no mask for any"),
     ],
@@ -150,7 +150,7 @@ def test_the_page_needs_nothing_but_itself_and_has_every_plot_and_a_crop_of_ever
     assert all([line[0] for line in found] == ["method", *labels] for found in (numbers, *others)) and len(others) == 3
     columns = ("label", "source", "deviations")
     assert sources_of == [[" ".join(row[name].split()) for name in columns] for row in table["methods"].values()]
-    assert "its schedule and its step sizes" in words(page) and "30.89" in words(page)
+    assert "its schedule and step sizes" in words(page) and "30.89" in words(page)
 
 
 def test_the_first_picture_is_error_against_run_time_of_all_methods_and_of_the_start(comparison):
@@ -179,10 +179,10 @@ def test_the_page_names_what_has_another_start_or_other_steps(comparison):
     others = {"mask_gaussian": "MaskGaussian", "ours_early": "ours, early", "released_40k": "released, 40,000 steps"}
     methods = alike | {name: row | {"label": label} for name, label in others.items()}
     page = " ".join(words(parsed(comparison_page(out, table | {"methods": methods}))).split())
-    assert "one densified start, except what begins at the first step: MaskGaussian; ours, early. All" in page
+    assert "one densified start, except those that begin at the first step: MaskGaussian; ours, early. All" in page
     assert "end after the same number of steps, except released, 40,000 steps. Render" in page
     page = " ".join(words(parsed(comparison_page(out, table | {"methods": alike}))).split())
-    assert "go on from one densified start. All" in page and "the same number of steps. Render" in page
+    assert "continue from one densified start. All" in page and "the same number of steps. Render" in page
 
 
 def test_the_best_compact_method_is_bold(comparison):

@@ -208,4 +208,4 @@ def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path):
 @pytest.mark.parametrize("target", ["0", "1.5", "-3"])
 def test_targets_that_are_none_are_refused_in_one_line(tmp_path, capsys, target):
     assert main(["compare", str(tmp_path), "-o", str(tmp_path / "out"), "--more-targets", target]) == 2
-    assert f"--more-targets: {float(target):g} is no target" in capsys.readouterr().err
+    assert f"--more-targets: {float(target):g} is not a target" in capsys.readouterr().err

@@ -28,7 +28,7 @@ def balls(tmp_path_factory) -> Path:
         ('<scene version="3.0.0"><integrator type="path"/><emitter type="constant"/></scene>', "has no shape"),
         ('<scene version="3.0.0"><shape type="sphere"/></scene>', 'no integrator; add <integrator type="path"/>'),
         ('<scene version="3.0.0">SPLATS</scene>', 'no integrator; add <integrator type="dogsplat"/>'),
-        ('<bsdf version="3.0.0" type="diffuse"/>', "its root is no scene"),
+        ('<bsdf version="3.0.0" type="diffuse"/>', "its root element is not <scene>"),
     ],
 )
 def test_a_scene_that_cannot_be_captured_is_named_and_leaves_nothing(tmp_path, content, problem):

@@ -147,7 +147,7 @@ def test_a_path_that_is_no_data_set_says_what_was_looked_for(tmp_path):
     assert "not a known data set" in error_of(tmp_path / "a.txt")
     (tmp_path / "config.json").write_text("{}")
     (tmp_path / "history.jsonl").write_text("")
-    assert "is a run, whose pictures are renders; give its data set" in error_of(tmp_path)
+    assert "is a run, and its pictures are renders; give its data set" in error_of(tmp_path)
     (tmp_path / "history.jsonl").unlink()
     transforms_folder(tmp_path)
     assert "downscale is 0" in error_of(tmp_path, downscale=0)

@@ -87,7 +87,7 @@ def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
     for number, kind in ((1, np.uint8), (1, np.uint16), (0, np.uint8)):
         Image.fromarray(np.full((6, 4), number, kind)).save(tmp_path / "a.png")
         if number:
-            with pytest.raises(DataError, match="a.png: is of 0 and 1, which are both black; multiply it by 255"):
+            with pytest.raises(DataError, match="a.png: has only 0 and 1, and both are black; multiply it by 255"):
                 Masks(tmp_path, [view]).of(view)
             continue
         mask = Masks(tmp_path, [view]).of(view)
@@ -103,7 +103,7 @@ def test_a_mask_that_stands_where_its_image_lies_is_refused(tmp_path):
         if fits:
             assert Masks(tmp_path, [view]).of(view) is not None
             continue
-        with pytest.raises(DataError, match=f"a.png: is {width}x{height}, a quarter turn from its image, of 60x40; tu"):
+        with pytest.raises(DataError, match=f"a.png: is {width}x{height}, turned by 90° against its image, 60x40; tu"):
             Masks(tmp_path, [view]).of(view)
 
 
@@ -129,7 +129,7 @@ def test_photographs_beside_their_masks_are_not_taken_for_some(tmp_path, first, 
     for name in (first, second):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    with pytest.raises(DataError, match=f'{second}: would be a second mask of "{view}", beside {first}; leave one'):
+    with pytest.raises(DataError, match=f'{second}: would be a second mask of "{view}", besides {first}; remove one'):
         mask_files(tmp_path)
 
 

@@ -88,5 +88,5 @@ def test_poses_of_smaller_images_alone_are_not_refined(tmp_path):
     colmap_folder(tmp_path)
     require_photographs(tmp_path)
     (tmp_path / "images").rename(tmp_path / "images_2")
-    with pytest.raises(DataError, match="images: no such folder, and refined poses are those of its images; put the"):
+    with pytest.raises(DataError, match="images: no such folder, and poses are refined by the images in it; put the"):
         require_photographs(tmp_path)

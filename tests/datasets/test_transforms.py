@@ -140,7 +140,7 @@ def test_masks_that_frames_name_are_said_not_to_be_read(tmp_path):
         content["frames"][i]["mask_path"] = f"masks/r_{i}.png"
     content["frames"].append(3)  # the reader refuses it in words
     (tmp_path / "transforms.json").write_text(json.dumps(content))
-    said = f'the "mask_path" of 2 of its frames, which --masks {tmp_path / "masks"} would follow'
+    said = f'the "mask_path" of 2 of its frames; --masks {tmp_path / "masks"} uses them'
     assert not_read(tmp_path) == not_read(tmp_path / "transforms.json") == [said]
     write_images(tmp_path / "images", ["dynamic_mask_r_1.png"])
     (also,) = not_read(tmp_path)[1:]
@@ -159,7 +159,7 @@ def test_the_folder_of_masks_that_is_named_is_one_that_masks_are_found_in(tmp_pa
     (tmp_path / "transforms.json").write_text(json.dumps(content))
     write_images(tmp_path, [mask])
     (said,) = not_read(tmp_path)
-    assert f"--masks {tmp_path / folder} would follow" in said if folder else "--masks takes from those of" in said
+    assert f"--masks {tmp_path / folder} uses them" in said if folder else "--masks needs masks that are named" in said
     if folder:
         Masks(tmp_path / folder, load_dataset(tmp_path).views)  # which raises where it finds none
 

@@ -68,10 +68,10 @@ def test_a_unit_is_measured_at_the_full_size_of_the_images(colmap, downscale):
     (("img_99", "img_01"), 'no image "img_99" has a pose; name two of them, like img_0'),
     (("img_01:3", "img_02"), 'no image "img_01:3" has a pose'),
     (("img_01.png:3,4+img_77:1,2", "img_02"), 'no image "img_77" has a pose'),
-    (("img_01", "img_01.png"), '"img_01" and "img_01.png" are one place'),
+    (("img_01", "img_01.png"), '"img_01" and "img_01.png" are the same place'),
     (("img_05:3,4", "img_02"), 'no point of structure from motion lies near "img_05:3,4"; mark it in a second image'),
-    (("img_01:10,8+img_02:1,8", "img_02"), 'marks of "img_01:10,8+img_02:1,8" are not of one point'),
-    (("img_01:10,8+img_01:10,8", "img_02"), "look at it from one side; mark it in images further apart"),
+    (("img_01:10,8+img_02:1,8", "img_02"), 'marks of "img_01:10,8+img_02:1,8" do not belong to one point'),
+    (("img_01:10,8+img_01:10,8", "img_02"), "see it from one direction; mark it in images further apart"),
 ])  # fmt: skip
 def test_what_cannot_be_measured_is_told_in_one_line(tmp_path, ends, problem):
     colmap_folder(tmp_path)
@@ -91,7 +91,7 @@ def test_points_at_several_depths_tell_none(tmp_path):
     seen = observed[-1].split()
     seen[3:5] = [str(float(seen[0]) + 0.1), seen[1]]
     (folder / "images.txt").write_text("\n".join([*observed[:-1], " ".join(seen)]) + "\n")
-    with pytest.raises(DataError, match="lie .* units away, on several things; mark it in a second image too"):
+    with pytest.raises(DataError, match="lie .* units away, so on several objects; mark it in a second image too"):
         length(tmp_path, marked, "img_01")
 
 
@@ -134,7 +134,7 @@ def test_marks_on_one_ray_are_refused_though_the_product_of_unit_vectors_may_exc
     assert max(float(ray @ ray) for ray in rays) > 1
     for ray in rays:
         at = {name: Standpoint(np.zeros(3), lambda _, ray=ray: ray) for name in ("a", "b")}
-        with pytest.raises(DataError, match="look at it from one side"):
+        with pytest.raises(DataError, match="see it from one direction"):
             length_in_units(("a:1,1+b:1,1", "b"), at)
 
 

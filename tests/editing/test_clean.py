@@ -41,7 +41,7 @@ def model(tmp_path):
 def test_without_flags_all_views_keep_their_bits(capsys, model, tmp_path):
     status, printed, _ = run(capsys, "clean", model, "-o", tmp_path / "lean.ply")
     lines = printed.splitlines()
-    assert status == 0 and lines[0] == "60 primitives, taken out:"
+    assert status == 0 and lines[0] == "60 primitives, removed:"
     assert lines[1].startswith("  not needed, invisible primitives: 6, ")
     assert lines[2].startswith("  not needed, DoG without effect: 4, ")
     assert lines[3].startswith("  not needed, zero bands of SH degree 1: 54, ")
@@ -64,24 +64,24 @@ def bare(splats, camera):
 def test_a_clean_model_stays_as_it_is(capsys, tmp_path):
     write_ply(tmp_path / "m.ply", tiny_data.dog_model())
     status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "same.ply")
-    assert status == 0 and printed.startswith("60 primitives, taken out: nothing\n")
+    assert status == 0 and printed.startswith("60 primitives, removed: nothing\n")
     assert (tmp_path / "same.ply").read_bytes() == (tmp_path / "m.ply").read_bytes()
 
 
 def test_nothing_is_said_to_leave_also_where_photographs_are_looked_at():
     lines = cleaned_lines(Cleaned(60, 60, [], [], (20.0, 20.0), []))
-    assert lines == ["60 primitives, taken out: nothing", "  PSNR 20.00 dB before, 20.00 dB after (+0.00)"]
+    assert lines == ["60 primitives, removed: nothing", "  PSNR 20.00 dB before, 20.00 dB after (+0.00)"]
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz"])
 @pytest.mark.parametrize(
     ("kind", "said"),
     [
-        (SLOPED, ("has no colour that varies over a primitive", "slopes that are zero: 1, 40 bytes")),
-        (CURVED, ("has no colour that varies over a primitive", "curvatures that are zero: 1, 28 bytes")),
-        (CUT, ("has no primitive that is cut off", "cuts that are zero: 1, 16 bytes")),
-        (SECOND_CUT, ("has no primitive that is cut off", "second cuts that are zero: 1, 16 bytes")),
-        (SHIFTED, ("has no place that depends on the view", "shifts that are zero: 1, 52 bytes")),
+        (SLOPED, ("cannot hold colours that vary over a primitive", "slopes that are zero: 1, 40 bytes")),
+        (CURVED, ("cannot hold colours that vary over a primitive", "curvatures that are zero: 1, 28 bytes")),
+        (CUT, ("cannot hold cuts", "cuts that are zero: 1, 16 bytes")),
+        (SECOND_CUT, ("cannot hold cuts", "second cuts that are zero: 1, 16 bytes")),
+        (SHIFTED, ("cannot hold places that depend on the view", "shifts that are zero: 1, 52 bytes")),
     ],
     ids=["slopes", "curvatures", "cuts", "second_cuts", "shifts"],
 )
@@ -234,7 +234,7 @@ def test_a_preview_that_cannot_be_written_is_told_before_the_model_is(capsys, mo
         (["--preview", "p.jpg"], ["p.jpg", ".png"]),
         (["--downscale", 2], ["--downscale", "no images"]),
         (["--background", "white"], ["--background", "no picture"]),
-        (["--box", 7, 7, 7, 8, 8, 8], ["model.ply", "no primitive would be left", "take out less"]),
+        (["--box", 7, 7, 7, 8, 8, 8], ["model.ply", "no primitive would be left", "remove less"]),
     ],
     ids=lambda value: " ".join(map(str, value)) if str(value[0])[:2] == "--" else "",
 )
@@ -252,7 +252,7 @@ def test_files_that_cannot_be_cleaned_are_one_line(capsys, model, tmp_path):
     with pytest.raises(DataError, match="would be lost"):
         clean_model(model, model)
     assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.obj"), "o.obj")
-    assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.spz"), "o.spz", "no room for DoG")
+    assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.spz"), "o.spz", "cannot hold DoG")
     assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.sog", "--mixed-sh"), "--mixed-sh", ".ply")
 
 
@@ -280,11 +280,11 @@ def file_with_nan(folder: Path, suffix: str) -> Path:
 def test_primitives_that_are_not_finite_are_taken_out_which_no_other_command_reads(capsys, tmp_path, suffix):
     path, broken = file_with_nan(tmp_path, suffix), [3, 20] if suffix == ".ply" else [3]
     told = run(capsys, "export", path, "-o", tmp_path / "out.spz")
-    assert_one_line(told, f"broken{suffix}", "not finite", "take those primitives out with dogsplat clean")
+    assert_one_line(told, f"broken{suffix}", "not finite", "remove those primitives with dogsplat clean")
     flags = ["--connected", 1, "--preview", tmp_path / "p.png"]
     status, printed, _ = run(capsys, "clean", path, "-o", tmp_path / "out.ply", *flags)
     assert status == 0 and printed.splitlines()[:2] == [
-        f"{tiny_data.N_TRUTH} primitives, taken out:", f"  not finite: {len(broken)}"
+        f"{tiny_data.N_TRUTH} primitives, removed:", f"  not finite: {len(broken)}"
     ]
     left = {tuple(mean) for mean in read_ply(tmp_path / "out.ply").means}
     good = np.delete(tiny_data.truth().means, broken, axis=0)
@@ -317,7 +317,7 @@ def test_degrees_of_single_primitives_are_not_made_where_they_would_make_the_fil
     flags = ["-o", tmp_path / "o.ply", "--mixed-sh"]
     assert "--mixed-sh:" not in run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "plain.ply")[1]
     status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", *flags)
-    assert status == 0 and "taken out: nothing" in printed and "--mixed-sh: SH degrees of" in printed
+    assert status == 0 and "removed: nothing" in printed and "--mixed-sh: an SH degree for each" in printed
     assert (tmp_path / "o.ply").read_bytes() == (tmp_path / "m.ply").read_bytes()
     write_ply(tmp_path / "m.ply", tiny_data.truth())
     assert "mixed" not in run(capsys, "clean", tmp_path / "m.ply", *flags)[1]

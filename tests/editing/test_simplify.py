@@ -77,7 +77,7 @@ def test_the_command_says_how_near_it_is_and_shows_its_steps(capsys, model, tmp_
     status, printed, bar = run(capsys, "simplify", model, "-o", tmp_path / "o.ply", *flags)
     lines = printed.splitlines()
     assert status == 0 and "4/4" in bar
-    assert lines[0] == "PSNR of the model, over 16 views that nothing was fitted to"
+    assert lines[0] == "PSNR of the model, over 16 views to which nothing was fitted"
     assert lines[1].startswith("  merged ") and lines[2].startswith("  fitted ") and lines[1].endswith(" dB")
     assert lines[3].startswith(f"{tmp_path / 'o.ply'}: 45 primitives, ")
 
@@ -100,7 +100,7 @@ def test_a_model_with_slopes_or_curvatures_may_come_in_and_what_is_fitted_makes_
     write_ply(tmp_path / "flat.ply", truth.without_slopes())
     flags = ["--target", "60", *FLAGS]
     status, printed, _ = run(capsys, "simplify", tmp_path / "m.ply", "-o", tmp_path / "o.ply", "--steps", "60", *flags)
-    said = f"the {kind.word} of 900 primitives are left out: what is merged has a mean colour"
+    said = f"the {kind.word} of 900 primitives are left out: merged primitives have one mean colour"
     assert status == 0 and printed.splitlines()[0] == said and kind.n(read_ply(tmp_path / "o.ply")) == 0
     _, printed, _ = run(capsys, "simplify", tmp_path / "flat.ply", "-o", tmp_path / "p.ply", "--steps", "60", *flags)
     assert "left out" not in printed
@@ -117,7 +117,7 @@ def test_cuts_are_made_whole_before_anything_is_merged(capsys, tmp_path, kind):
     write_ply(tmp_path / "whole.ply", truth.without_cuts())
     flags = ["--target", "300", "--steps", "0", *FLAGS]
     status, printed, _ = run(capsys, "simplify", tmp_path / "m.ply", "-o", tmp_path / "o.ply", *flags)
-    said = "the cuts of 900 primitives are left out: what is merged is whole"
+    said = "the cuts of 900 primitives are left out: merged primitives are whole"
     assert status == 0 and printed.splitlines()[0] == said and not read_ply(tmp_path / "o.ply").is_cut.any()
     run(capsys, "simplify", tmp_path / "whole.ply", "-o", tmp_path / "p.ply", *flags)
     assert quality(read_ply(tmp_path / "o.ply"), truth) > quality(read_ply(tmp_path / "p.ply"), truth) + 1
@@ -129,7 +129,7 @@ def test_a_model_with_shifts_may_come_in_and_what_is_merged_stands_still(capsys,
     write_ply(tmp_path / "still.ply", truth.without_shifts())
     flags = ["--target", "60", "--steps", "0", *FLAGS]
     status, printed, _ = run(capsys, "simplify", tmp_path / "m.ply", "-o", tmp_path / "o.ply", *flags)
-    said = "the shifts of 900 primitives are left out: what is merged stands still"
+    said = "the shifts of 900 primitives are left out: merged primitives do not move with the view"
     assert status == 0 and printed.splitlines()[0] == said
     _, printed, _ = run(capsys, "simplify", tmp_path / "still.ply", "-o", tmp_path / "p.ply", *flags)
     assert "left out" not in printed
@@ -178,7 +178,7 @@ def test_the_unit_of_radiance_does_not_matter(tmp_path):
 @pytest.mark.parametrize(
     "flags, words",
     [
-        (["--target", "0"], ["--target", "0 is no target", "10%"]),
+        (["--target", "0"], ["--target", "0 is not a target", "10%"]),
         (["--target", "100%"], ["--target", "100%"]),
         (["--target", "-5"], ["--target"]),
         (["--target", "2.5"], ["--target", "2.5"]),
@@ -215,7 +215,7 @@ def test_files_that_cannot_be_simplified_are_one_line(capsys, model, tmp_path):
         assert_one_line(said, "faint.ply", "all of its primitives are invisible")
     assert not out.exists()
     assert_one_line(run(capsys, "simplify", model, "-o", tmp_path / "o.obj"), "o.obj")
-    assert_one_line(run(capsys, "simplify", model, "-o", tmp_path / "o.spz", "--dog"), "--dog", "SPZ has no room")
+    assert_one_line(run(capsys, "simplify", model, "-o", tmp_path / "o.spz", "--dog"), "--dog", "SPZ cannot hold DoG")
 
 
 def test_options_choose_the_background():

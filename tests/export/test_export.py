@@ -204,14 +204,14 @@ def test_flags_of_pictures_without_any_are_refused(capsys, model, tmp_path):
 def test_a_small_file_is_for_the_model_as_it_lies_and_a_small_page_upright_all_the_same(capsys, model, tmp_path):
     flags = ["--small", "--upright", "--up=z", "--refine", 0, "--views", 0]
     said = run(capsys, "export", model, "-o", tmp_path / "out.spz", *flags)
-    assert_one_line(said, "--upright: the grids of a small file are for the model as it lies; make it upright first")
+    assert_one_line(said, "--upright: a small file is refined for the axes of the model; make it upright first")
     assert run(capsys, "export", model, "-o", tmp_path / "page.html", *flags)[0] == 0
 
 
 def test_data_whose_images_nothing_looks_at_are_told(capsys, model, data, tmp_path):
     command = ["export", model, "-o", tmp_path / "out.ply", "--views", 0, "--dog", "keep", "--data"]
     status, printed, _ = run(capsys, *command, data)
-    assert status == 0 and printed.splitlines()[0].startswith("of --data nothing but world.json is looked at")
+    assert status == 0 and printed.splitlines()[0].startswith("only world.json of --data is used")
     assert_one_line(run(capsys, *command, tmp_path / "none"), "none", "no such file or folder")
 
 

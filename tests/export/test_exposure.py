@@ -98,7 +98,7 @@ def test_a_white_of_colours_that_are_no_radiance_is_refused_and_gets_into_no_fil
         lambda: clean_model(model, out, options=options),
         lambda: export_model(model, out, ExportConfig(refine=0), options=options),
     ):
-        with pytest.raises(DataError, match="--white: is of linear radiance, and the colours of the model are sRGB"):
+        with pytest.raises(DataError, match="--white: is for linear radiance, but the model has sRGB colours"):
             refused()
     assert not out.exists()
 

@@ -68,7 +68,7 @@ def test_views_whose_masks_are_all_black_are_not_measured(spoiled, tmp_path):
 
 def test_masks_of_photographs_that_nobody_looks_at_are_refused_and_images_without_one_told(capsys, spoiled, tmp_path):
     command = ["export", tmp_path / "model.ply", "-o", tmp_path / "out.ply", "--masks", tmp_path / "masks"]
-    assert_one_line(run(capsys, *command), "--masks: is of photographs, and none are looked at; add --data DATA")
+    assert_one_line(run(capsys, *command), "--masks: is for photographs, and none are used; add --data DATA")
     (tmp_path / "masks" / "1.png").unlink()
     status, told, _ = run(capsys, *command, "--data", spoiled, "--refine", 0)
     assert status == 0 and f"{tmp_path / 'masks'}: no mask for 1 of 8 images, such as 1" in told

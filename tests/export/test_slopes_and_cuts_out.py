@@ -66,7 +66,7 @@ CURVED = Kind(
 )  # fmt: skip
 CUT = Kind(
     "cuts", CUTS, "cuts", ("slopes", "cuts"), with_cuts(tiny_data.truth()), with_cuts(SLOPED_DOG), whole,
-    "the cuts of 30 primitives are left out: each becomes the whole one nearest to it", regained=0.1, moved=1,
+    "the cuts of 30 primitives are left out: each becomes the nearest whole primitive", regained=0.1, moved=1,
 )  # fmt: skip
 BY_SECOND = replace(
     tiny_data.truth(), second_cut_index=CUT.model.cut_index, second_cut_normals=CUT.model.cut_normals
@@ -266,7 +266,7 @@ def test_a_page_says_that_slopes_are_shown_in_their_mean_colours(capsys, tmp_pat
 def test_a_page_says_that_cut_ones_are_shown_whole(kind, capsys, tmp_path):
     said = page_of(kind.model, capsys, tmp_path)
     assert "model: 60 Gaussians (30 that were cut off, made whole)" in said
-    assert "Web viewers know no Gaussians that a plane cuts off: each of those is shown as the whole one" in said
+    assert "Web viewers know no Gaussians that a plane cuts off: each of those is shown as the nearest whole" in said
     said = page_of(kind.mixed, capsys, tmp_path)
     cut = kind.mixed.is_cut.sum()
     assert f"baked; 20 with colours that varied over them, in their mean colours; {cut} that were cut off" in said
@@ -286,7 +286,7 @@ def test_a_page_says_that_places_are_mean_ones(capsys, tmp_path):
 def test_they_cannot_be_kept_where_there_is_no_room(kind, suffix, capsys, tmp_path):
     model = written(kind.model, tmp_path)
     refused = run(capsys, "export", model, "-o", tmp_path / f"out{suffix}", kind.flag, "keep")
-    assert_one_line(refused, kind.flag, "has no room for them", "use drop")
+    assert_one_line(refused, kind.flag, "cannot hold them", "use drop")
     assert [path.name for path in tmp_path.iterdir()] == ["model.ply"]
 
 

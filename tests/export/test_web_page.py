@@ -204,7 +204,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(model, tmp_path, capsys):
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "p.html", "--data", tmp_path / "no"), "no such file")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a <model>.ply", "file"]
     (tmp_path / "other.html").write_text("<html></html>")
-    with pytest.raises(DataError, match="is no page with a model of ours"):
+    with pytest.raises(DataError, match="is not a web page of dogsplat export"):
         read_page(tmp_path / "other.html")
 
 

@@ -334,9 +334,9 @@ def test_two_films_never_share_a_folder(model, tmp_path):
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["-o", "{}/film.avi"], ["film.avi: is no film", "name a video .mp4"]),
-        (["-o", "{}/f.png"], ["f.png: is no film", "%04d.png"]),
-        (["-o", "{}/%d_%d.png"], ["is no film"]),
+        (["-o", "{}/film.avi"], ["film.avi: is not a video or pictures", "name a video .mp4"]),
+        (["-o", "{}/f.png"], ["f.png: is not a video or pictures", "%04d.png"]),
+        (["-o", "{}/%d_%d.png"], ["is not a video or pictures"]),
         (["-o", "{}/f.mp4", "--size", "31", "20"], ["31 x 20 has an odd side", "--size 32 20"]),
         (["-o", "{}/f.mp4", "--path", "spiral"], ['--path: "spiral" is unknown', "orbit, cameras"]),
         (["-o", "{}/f.mp4", "--path", "cameras"], ["--path: no data set", "--data DATA"]),
@@ -351,7 +351,7 @@ def test_two_films_never_share_a_folder(model, tmp_path):
         (["-o", "{}/f", "--crf", "20"], ["--crf: is for videos, and", "f is for pictures"]),
         (["-o", "{}/f.mp4", "--smoothing", "1"], ["--smoothing: is not for --path orbit"]),
         (["-o", "{}/f.mp4", "--samples", "4"], ["--samples: is for motion blur, and there is none"]),
-        (["-o", "{}/f.mp4", "--white", "3"], ["--white: is of linear radiance", "are sRGB values", "add --linear"]),
+        (["-o", "{}/f.mp4", "--white", "3"], ["--white: is for linear radiance", "has sRGB colours", "add --linear"]),
         (["-o", "{}/f.mp4", "--shutter", "1.5"], ["--shutter: 1.5 is out of range"]),
         (["-o", "{}/f.mp4", "--data", "{}/none"], ["none: no such file or folder"]),
         (["-o", "{}/file/f.mp4"], ["cannot be written"]),

@@ -279,8 +279,8 @@ def test_what_the_callers_function_raises_is_not_blamed_on_the_scene(scene, tmp_
         (["-s", "1"], ["--sensor: ", "scene.xml has 1 sensor; give 0 to 0"]),
         (["--path", "cameras"], ["--path: ", "scene.xml has one sensor", "add --data DATA, or use --path orbit"]),
         (["--denoise"], ["--denoise: is for the integrator dogpath"]),
-        (["--white", "2"], ["--white: is for models: a scene says by itself what is drawn, and how; leave it out"]),
-        (["--background", "white"], ["--background: is for models"]),
+        (["--white", "2"], ["--white: is only for models; a scene says itself how it is drawn; leave it out"]),
+        (["--background", "white"], ["--background: is only for models"]),
         (["-D", "fog=1"], ['scene.xml has no parameter "$fog"']),
         (["--spp", "-1"], ["--spp: -1 samples per pixel are not possible; give 1 to 16777216, or 0 for the scene's"]),
         (["--spp", "99999999999"], ["--spp: 99999999999 samples per pixel are not possible; give 1 to 16777216"]),
@@ -297,7 +297,7 @@ def test_flags_of_no_use_are_one_line(scene, tmp_path, capsys, flags, words):
 @pytest.mark.parametrize(
     ("sensors", "words"),
     [
-        ([sensor("orthographic", fov="")], ["is no camera that a film can follow (OrthographicCamera)"]),
+        ([sensor("orthographic", fov="")], ["is not a camera that a film can follow (OrthographicCamera)"]),
         ([], ["it has no sensor"]),
     ],
 )
@@ -311,17 +311,17 @@ def test_a_scene_without_a_camera_is_one_line(scene, tmp_path, capsys, sensors, 
 def test_a_lens_cannot_be_shifted(scene, tmp_path):
     path = scene(sensor("thinlens", lens='<float name="aperture_radius" value=".1"/>'))
     shifted = [replace(camera, cx=20.0) for camera in tiny_data.cameras()[:2]]
-    with pytest.raises(DataError, match="--path: its cameras are shifted, and a thinlens sensor cannot be"):
+    with pytest.raises(DataError, match="--path: its principal points are shifted, and no thinlens sensor has that"):
         make_scene_film(path, tmp_path / "f", config=FilmConfig(path=keys(tmp_path, shifted), fps=1))
 
 
 @pytest.mark.parametrize(
     ("flags", "line"),
     [
-        (["--spp", "4"], "--spp: a model alone is drawn with one sample; make a scene .xml for more"),
-        (["--denoise"], "--denoise: a model alone has no noise; leave it out"),
-        (["-s", "1"], "--sensor: a model alone has none; leave it out"),
-        (["-D", "a=1"], "--define: is for parameters of a scene; leave it out"),
+        (["--spp", "4"], "--spp: a model is drawn with one sample; leave it out, or render a scene .xml"),
+        (["--denoise"], "--denoise: a model has no noise; leave it out"),
+        (["-s", "1"], "--sensor: a model has no sensors; leave it out"),
+        (["-D", "a=1"], "--define: is only for parameters of a scene; leave it out"),
     ],
 )
 def test_a_model_has_no_use_for_flags_of_scenes(model, tmp_path, capsys, flags, line):

@@ -322,7 +322,7 @@ def test_files_that_are_no_stages_are_one_line(tmp_path):
     with pytest.raises(DataError, match="b.usd: cannot be read .No such file"):
         usd_path(str(tmp_path / "b.usd"), None, None)
     os.mkfifo(tmp_path / "pipe.usd")
-    with pytest.raises(DataError, match="pipe.usd: is no regular file; give"):
+    with pytest.raises(DataError, match="pipe.usd: is not a regular file; give"):
         usd_path(str(tmp_path / "pipe.usd"), None, None)
     assert [is_usd_path(name) for name in ("a.usd", "A.USDZ:/Cam", "a.usd:Cam", "a.json", "orbit", ".usd")] == [
         True, True, False, False, False, False,

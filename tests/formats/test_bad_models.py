@@ -90,7 +90,7 @@ def test_what_is_no_bundle_of_a_sog_says_so_in_words(tmp_path):
         read_model(tmp_path / "state.npz")
     whole = written(tmp_path / "a.sog", foreign_model.model()).read_bytes()
     (tmp_path / "cut.sog").write_bytes(whole[:-30])
-    with pytest.raises(DataError, match="it is no ZIP file, or a part of one; the file is damaged"):
+    with pytest.raises(DataError, match="it is not a ZIP file, or only a part of one; the file is damaged"):
         read_model(tmp_path / "cut.sog")
 
 
@@ -202,7 +202,7 @@ def test_scales_beyond_float32_are_the_largest_that_a_file_can_say(tmp_path, suf
 @pytest.mark.parametrize("degree", [0, 3])
 def test_no_primitives_are_written_and_read_or_refused_by_name(tmp_path, suffix, degree):
     if suffix in (".glb", ".gltf"):
-        with pytest.raises(DataError, match="glTF has no room for a model without primitives; "):
+        with pytest.raises(DataError, match="glTF cannot hold a model without primitives; "):
             write_model(tmp_path / f"a{suffix}", Splats.empty(degree))
         return
     assert read_model(written(tmp_path / f"a{suffix}", Splats.empty(degree))).splats.n_splats == 0
@@ -216,7 +216,7 @@ def test_a_gltf_names_what_it_lacks(tmp_path):
     path.write_text(json.dumps(without))
     with pytest.raises(DataError, match="holds no primitive with KHR_gaussian_splatting"):
         read_model(path)
-    for uri, words in (("https://example.org/a.bin", "no file beside it"), ("../a.bin", "no file beside it"),
+    for uri, words in (("https://example.org/a.bin", "not a file beside it"), ("../a.bin", "not a file beside it"),
                        ("a.bin", "cannot be read")):  # fmt: skip
         content["buffers"][0]["uri"] = uri
         path.write_text(json.dumps(content))
@@ -239,7 +239,7 @@ def test_for_a_folder_the_model_in_it_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (["transforms.json", "points.ply"], "is a data set, and here goes a model; .*RUN/point_cloud.ply"),
+        (["transforms.json", "points.ply"], "is a data set, but a model is needed; .*RUN/point_cloud.ply"),
         (["sparse", "images"], "is a data set"),
         (["config.json", "history.jsonl", "checkpoint"], "is a run that has no model yet; let it end .*dogsplat view"),
     ],

@@ -146,7 +146,7 @@ def test_an_unbundled_sog_is_read_from_its_meta(tmp_path):
     assert np.array_equal(read_model(tmp_path / "meta.json").splats.means, bundled.means)
     assert size_of(tmp_path / "meta.json") > 3 + len(meta)
     (tmp_path / "meta.json").write_text(meta.replace("sh0.webp", "../sh0.webp"))
-    with pytest.raises(DataError, match="no name of a file beside it"):
+    with pytest.raises(DataError, match="not the name of a file beside it"):
         read_model(tmp_path / "meta.json")
     (tmp_path / "meta.json").write_text(meta)
     (tmp_path / "quats.webp").unlink()

@@ -180,7 +180,7 @@ def test_linear_and_display_referred_primitives_are_not_one_model(tmp_path, cont
     found["meshes"][0]["primitives"] = [plain, linear]
     found["buffers"] = [{"byteLength": len(binary)}]
     (tmp_path / "b.glb").write_bytes(glb(found, binary))
-    with pytest.raises(DataError, match="b.glb: holds linear and display-referred primitives; export"):
+    with pytest.raises(DataError, match="b.glb: mixes linear and display-referred primitives; export"):
         read_model(tmp_path / "b.glb")
 
 
@@ -192,7 +192,7 @@ def test_linear_and_display_referred_primitives_are_not_one_model(tmp_path, cont
     (lambda c: c["bufferViews"][0].update(byteLength=10**6), "ends at"),
     (lambda c: (c["buffers"].append({"byteLength": 10**6}), c["bufferViews"][0].update(buffer=1)),
      "buffer 1 has no bytes that are not compressed"),  # as EXT_meshopt_compression has it
-    (lambda c: c["nodes"][0].update(children=[0]), "no trees"),
+    (lambda c: c["nodes"][0].update(children=[0]), "do not form trees"),
     (lambda c: c["nodes"][0].update(scale=[1, 0, 1]), "cannot be flattened"),
     (lambda c: c["nodes"][0].update(rotation=[0, 0, 0, 0]), "rotation of a node is zero"),
     (lambda c: c.update(scenes=[{"nodes": [7]}]), "IndexError"),

@@ -49,7 +49,7 @@ def with_all(splats: Splats) -> Splats:
 
 SLOPED = Kind(
     "slopes", SLOPES, partial(with_slopes, every=3), Splats.without_slopes,
-    "no colour that varies over a primitive: the slopes of 100 are left out, each has its mean colour", 40,
+    "cannot hold colours that vary over a primitive: the slopes of 100 are left out; each has its mean colour", 40,
     slope_colors, 2e-4, "slopes",
 )  # fmt: skip
 CURVED = Kind(
@@ -58,7 +58,7 @@ CURVED = Kind(
 )  # fmt: skip
 CUT = Kind(
     "cuts", CUTS, with_slopes_and_cuts, whole,
-    "no primitive that is cut off: the cuts of 100 are left out, each becomes the whole one nearest to it", 16,
+    "cannot hold cuts: those of 100 are left out; each becomes the nearest whole primitive", 16,
     kept_shares, 1e-3, "cuts",
 )  # fmt: skip
 SECOND_CUT = Kind(
@@ -66,7 +66,7 @@ SECOND_CUT = Kind(
 )
 SHIFTED = Kind(
     "shifts", SHIFTS, lambda splats: with_shifts(with_all(splats), every=3), Splats.without_shifts,
-    "no place that depends on the view: the shifts of 100 are left out, each has its mean place", 52,
+    "cannot hold places that depend on the view: the shifts of 100 are left out; each has its mean place", 52,
     moves_seen, 1e-4, "shifts",
 )  # fmt: skip
 each_kind = of_each(SLOPED, CURVED, CUT, SECOND_CUT, SHIFTED)
@@ -110,7 +110,7 @@ def test_what_is_a_colour_goes_through_a_compressed_ply_in_units_of_white(kind, 
 @pytest.mark.parametrize("suffix", NO_ROOM)
 def test_other_formats_have_what_is_nearest_and_a_line_that_says_so(kind, suffix, tmp_path):
     truth = kind.model(300, dog_share=0)
-    lost, said = write_model(tmp_path / f"with{suffix}", truth), f"{FORMATS[suffix].name} has {kind.said}"
+    lost, said = write_model(tmp_path / f"with{suffix}", truth), f"{FORMATS[suffix].name} {kind.said}"
     assert lost.count(said) == 1
     assert write_model(tmp_path / f"without{suffix}", kind.left_out(truth)) == [x for x in lost if x != said]
     assert (tmp_path / f"with{suffix}").read_bytes() == (tmp_path / f"without{suffix}").read_bytes()

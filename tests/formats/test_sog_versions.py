@@ -103,8 +103,8 @@ def test_the_first_version_is_read_from_a_bundle_and_from_its_meta(tmp_path, deg
 
 @pytest.mark.parametrize(("part", "change", "problem"), [
     ("version", 3, "is SOG of version 3; convert it to version 2"),
-    ("scales", {"mins": [0, 0]}, "is no SOG model"),
-    ("means", {"shape": []}, "is no SOG model"),
+    ("scales", {"mins": [0, 0]}, "is not a SOG model"),
+    ("means", {"shape": []}, "is not a SOG model"),
     ("means", {"shape": [SIDE * SIDE + 1, 3]}, "17 primitives, but a picture of"),
     ("means", {"shape": [-1, 3]}, "its number of primitives is -1"),
     ("means", {"shape": [True, 3]}, "its number of primitives is True"),

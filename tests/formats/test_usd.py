@@ -280,7 +280,7 @@ def test_linear_and_display_referred_prims_are_no_one_model(tmp_path, file):
     stage = a_stage(tmp_path / "set.usda")
     referencing(stage, "/Set/A", file)
     referencing(stage, "/Set/B", tmp_path / "b.usdc")
-    with pytest.raises(DataError, match="set.usda: holds linear and display-referred primitives; export"):
+    with pytest.raises(DataError, match="set.usda: mixes linear and display-referred primitives; export"):
         read_saved(stage)
 
 
@@ -317,7 +317,7 @@ def test_of_what_moves_the_first_moment_is_taken(stage, what):
         positions.Set(Vt.Vec3fArray.FromNumpy(held + np.array([5, 0, 0], np.float32)), 10)
     read = read_saved(stage)
     np.testing.assert_allclose(read.splats.means, MODEL.means + [1, 0, 0], atol=1e-5)
-    assert read.left_out == ("what changes with time: the first moment is taken",)
+    assert read.left_out == ("what changes with time: the first moment is used",)
 
 
 def test_gaussians_of_an_instancer_may_lie_elsewhere(tmp_path, file):
@@ -336,7 +336,7 @@ def test_what_is_shown_at_times_is_what_is_shown_at_first_and_said(tmp_path, fil
         shown = UsdGeom.Imageable(referencing(stage, f"/Set/{name}", file)).CreateVisibilityAttr()
         shown.Set(first, 1)
         shown.Set(then, 5)
-    changes = "what changes with time: the first moment is taken"
+    changes = "what changes with time: the first moment is used"
     read = read_saved(stage)
     assert read.splats.n_splats == MODEL.n_splats and read.left_out == ("1 prim not shown", changes)
     stage.GetPrimAtPath("/Set/A").SetActive(False)

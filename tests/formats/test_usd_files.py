@@ -80,7 +80,7 @@ def test_text_that_is_none_is_one_line(tmp_path, file, place):
 def test_a_path_that_the_library_cannot_be_told_is_one_line(tmp_path, file):
     folder = tmp_path / os.fsdecode(b"\xff")
     folder.mkdir()
-    line = "its path is not UTF-8, and OpenUSD knows no other; rename it"
+    line = "its path is not UTF-8, which OpenUSD needs; rename it"
     with pytest.raises(DataError, match=line):
         read_model(file.rename(folder / file.name))
     for suffix in (".usdc", ".usdz"):
@@ -125,7 +125,7 @@ def test_lists_and_sections_that_end_outside_of_the_file_are_refused(tmp_path):
         broken = bytearray(data)
         broken[at : at + 8] = (1 << 40).to_bytes(8, "little")
         (tmp_path / "b.usdc").write_bytes(broken)
-        with pytest.raises(DataError, match=f"b.usdc: is no binary OpenUSD .*{said}"):
+        with pytest.raises(DataError, match=f"b.usdc: is not a binary OpenUSD file .*{said}"):
             read_model(tmp_path / "b.usdc")
 
 
@@ -133,7 +133,7 @@ def test_a_package_whose_files_are_compressed_is_refused(tmp_path):
     write_model(tmp_path / "a.usdc", Model(MODEL))
     with zipfile.ZipFile(tmp_path / "a.usdz", "w", zipfile.ZIP_DEFLATED) as package:
         package.write(tmp_path / "a.usdc", "a.usdc")
-    with pytest.raises(DataError, match="a.usdz: is no package of OpenUSD .*compressed"):
+    with pytest.raises(DataError, match="a.usdz: is not an OpenUSD package .*compressed"):
         read_model(tmp_path / "a.usdz")
 
 

@@ -347,7 +347,7 @@ def test_of_what_has_no_cameras_yet_it_says_how_it_gets_them(tmp_path):
     says = {
         "pictures": "has no cameras yet; dogsplat poses",
         "walk.mp4": "has no cameras yet; dogsplat poses",
-        "run": "has not begun to train; the same dogsplat train",
+        "run": "has not begun to train; give its dogsplat train command",
         "run/posed": "has no poses yet",
         "empty": "not something dogsplat knows",
     }

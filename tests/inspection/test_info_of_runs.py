@@ -108,7 +108,7 @@ def test_an_interrupted_run_shows_how_far_it_came(tmp_path):
         "  metrics.json is missing",
         "  point_cloud.ply is missing",
         "  the run is not complete: it was interrupted, or is still running",
-        "  history.jsonl has 1 line of something else than JSON",
+        "  history.jsonl has 1 line without valid JSON",
     ]
 
 

@@ -62,7 +62,7 @@ def test_what_stands_in_single_photographs_is_masked_there_alone(capsys, scene, 
             assert not found[~near].any()
         else:
             assert not found.any()
-    assert "in 2 of 21 photographs; most of 13 (" in said and "poses" not in said
+    assert "in 2 of 21 photographs; the most in 13 (" in said and "poses" not in said
     with Image.open(preview) as image:
         assert image.size[0] == 2 * 240  # of two photographs
         pixels = np.asarray(image)[..., :3] / 255.0
@@ -86,7 +86,7 @@ def test_a_capture_in_which_nothing_moved(capsys, tmp_path):
     data = tiny_data.write_tiny_data(tmp_path / "data")
     write_ply(tmp_path / "model.ply", tiny_data.truth())
     status, said, _ = run(capsys, "masks", tmp_path / "model.ply", data, "-o", tmp_path / "masks")
-    assert status == 0 and said.endswith("masks: nothing is masked in 7 photographs\n")
+    assert status == 0 and said.endswith("masks: nothing is masked in any of 7 photographs\n")
     assert not any(masked_in(tmp_path / "masks", path.stem).any() for path in (tmp_path / "masks").iterdir())
 
 
@@ -119,7 +119,7 @@ def test_a_photograph_of_something_else_is_told(capsys, scene, tmp_path):
     pixels = read_image(data / "images" / "7.png")[::-1, ::-1]
     write_png(data / "images" / "7.png", 1 - pixels)
     status, said, _ = run(capsys, "masks", scene / "model.ply", data, "-o", tmp_path / "masks")
-    assert status == 0 and "more than half is masked of 1 photograph, such as 7: their poses may be wrong\n" in said
+    assert status == 0 and "more than half of 1 photograph is masked, such as 7; poses may be wrong\n" in said
 
 
 def test_a_higher_threshold_masks_less(scene, tmp_path):
@@ -136,7 +136,7 @@ def test_what_is_wrong_is_told_before_the_work(capsys, scene, tmp_path):
     (full / "a.txt").write_text("mine")
     model, data = scene / "model.ply", scene / "data"
     for arguments, line in [
-        ([model, data, "-o", full], f"{full}: exists, and is not an empty folder; remove it, or name another"),
+        ([model, data, "-o", full], f"{full}: exists, and is not an empty folder; remove it, or name another folder"),
         ([model, data, "-o", full / "a.txt"], "exists, and is not an empty folder"),
         ([model, data, "-o", tmp_path / "m", "--preview", "a.jpg"], "a.jpg: no known picture format"),
         ([model, data, "-o", tmp_path / "m", "--times", "0.5"], "--times"),

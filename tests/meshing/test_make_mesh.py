@@ -179,8 +179,8 @@ def test_bad_input_is_one_line_and_nothing_is_written(model, tmp_path, capsys):
             "100",
         ],
         "--min-faces: 999999 is too many": [model, "-o", tmp_path / "o.ply", "--voxel", "0.1", "--min-faces", "999999"],
-        "--texture: needs few triangles; give --faces": [model, "-o", tmp_path / "o.glb", "--texture", "512"],
-        "o.ply: has no place for a texture": [
+        "--texture: needs few triangles; also give --faces": [model, "-o", tmp_path / "o.glb", "--texture", "512"],
+        "o.ply: cannot hold a texture": [
             model,
             "-o",
             tmp_path / "o.ply",
@@ -216,7 +216,7 @@ def test_a_near_clip_that_is_asked_for_counts(model, tmp_path, capsys):
     write_model(tmp_path / "far.ply", written)
     meshed(capsys, tmp_path / "far.ply", tmp_path / "o.obj", "--voxel", "0.1")
     result = run(capsys, "mesh", model, "-o", tmp_path / "none.obj", *FAST, "--near-clip", "50")
-    assert result[0] == 2 and "no surface is seen" in result[2] and not (tmp_path / "none.obj").exists()
+    assert result[0] == 2 and "no surface is found" in result[2] and not (tmp_path / "none.obj").exists()
 
 
 @pytest.mark.parametrize("distance", [1e4, 1e6, 3e8])

@@ -150,7 +150,7 @@ def test_a_texture_takes_the_place_of_nothing_but_an_earlier_one(suffix, beside,
     for _ in range(2):
         writer_of(path, texture=True)(path, PAINTED, Drawing())
     other.write_bytes(b"# by hand\n")
-    with pytest.raises(DataError, match=f"mesh{beside}: is there, is no texture of an earlier mesh, and would be lost"):
+    with pytest.raises(DataError, match=f"mesh{beside}: exists, is no texture of an earlier mesh, and would be lost"):
         writer_of(path, texture=True)
     writer_of(path)(path, Mesh(VERTICES, FACES), Drawing())  # nothing is written beside it
     writer_of(tmp_path / "mesh.usdz", texture=True)
@@ -234,7 +234,7 @@ def test_openusd_shows_its_texture_without_light(suffix, tmp_path):
 
 
 def test_ply_has_no_texture(tmp_path):
-    said = r"mesh.ply: has no place for a texture; name a file that ends in .obj, .glb"
+    said = r"mesh.ply: cannot hold a texture; name a file that ends in .obj, .glb"
     with pytest.raises(DataError, match=said):
         writer_of(tmp_path / "mesh.ply", texture=True)
 

@@ -105,7 +105,7 @@ def test_other_formats_are_shapes_too(write):
         shape: Any = scene([write(f"a{suffix}", antialiased=True)]).shapes()[0]
         assert shape.to_splats().n_splats == 12
         assert shape.drawing.antialiased is (None if suffix == ".splat" else True)
-    with pytest.raises(RuntimeError, match="dog: .*a.glb: is no glTF 2"):
+    with pytest.raises(RuntimeError, match="dog: .*a.glb: is not glTF 2"):
         broken = write("a.glb")
         broken.write_bytes(broken.read_bytes()[:30])
         scene([broken])

@@ -175,7 +175,7 @@ def test_what_is_no_model_is_not_written_and_a_shape_is_told_how_it_becomes_one(
         with pytest.raises(ValueError, match=r"not \w+; that of a .* Model\(shape.to_splats\(\), shape.drawing\)"):
             write_model(path, model)
     swapped: Any = EVERYTHING
-    with pytest.raises(ValueError, match="the path comes first, then the model; Model is no path"):
+    with pytest.raises(ValueError, match="the path comes first, then the model; Model is not a path"):
         write_model(swapped, path)
     with pytest.raises(ValueError, match="not Model; write_model writes a Model"):
         write_ply(path, swapped)

@@ -139,14 +139,14 @@ def test_what_images_say_comes_before_how_they_were_held_and_one_that_was_shaken
 
 def test_images_that_disagree_or_are_few_do_not_count():
     model, downs = cameras_and_downs(noise=2.0)
-    assert "6 images say where down is, and disagree" in place(pycolmap, model, None, downs).up_from
+    assert "6 images say where down is, but disagree" in place(pycolmap, model, None, downs).up_from
     for n, said in (2, "no image says where down is"), (3, "as 3 images say where down is"):
         model, downs = cameras_and_downs()
         assert said in place(pycolmap, model, None, dict(list(downs.items())[:n])).up_from
 
 
 @pytest.mark.parametrize("degrees, said", [(9, "6 images say where down is; they agree to 9.0 degrees"),
-                                           (11, "6 images say where down is, and disagree")])  # fmt: skip
+                                           (11, "6 images say where down is, but disagree")])  # fmt: skip
 def test_most_of_the_images_agree_to_ten_degrees(degrees, said):
     model, downs = cameras_and_downs()
     place(pycolmap, model, None, downs)  # down is y now

@@ -45,7 +45,7 @@ def test_photographs_beside_a_folder_called_images_are_said_not_to_be_taken(tmp_
     summary = SimpleNamespace(lines=list)
     monkeypatch.setattr("mi_dogsplat.poses.run.find_poses", lambda *arguments: summary)
     search_poses(tmp_path, tmp_path / "out", PosesConfig())
-    said = f"{tmp_path}: not read: 2 images of this folder, such as 1.jpg: there is {tmp_path / 'images'}, and only"
+    said = f"{tmp_path}: not read: 2 images of this folder, such as 1.jpg: only images in {tmp_path / 'images'}"
     assert said in capsys.readouterr().out
     search_poses(tmp_path, tmp_path / "out", PosesConfig(masks=str(tmp_path)))
     search_poses(tmp_path / "images", tmp_path / "out", PosesConfig())
@@ -167,7 +167,7 @@ def test_a_folder_called_like_a_video_is_a_folder(tmp_path):
 def test_a_run_is_no_capture_nor_is_what_a_search_has_left(tmp_path):
     """The pictures of a run are renders, and of a search that was stopped some photographs may be missing."""
     run = touch(tmp_path / "run", HISTORY, CONFIG, "test/1.png", "test/1_gt.png", "train/2.png")
-    with pytest.raises(DataError, match="run: is a run, whose pictures are renders; .*dogsplat info"):
+    with pytest.raises(DataError, match="run: is a run, and its pictures are renders; .*dogsplat info"):
         require_input(run)
     stopped = touch(tmp_path / "posed", "poses.json", "images/1.jpg", "images/2.jpg")
     with pytest.raises(DataError, match="posed: has no poses yet: .*; give the photographs"):

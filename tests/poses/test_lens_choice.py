@@ -51,7 +51,7 @@ def test_photographs_that_say_nothing_have_a_lens(tmp_path):
     assert lens_of_photographs([tmp_path / "a.jpg", tmp_path / "b.jpg"], None) == "SIMPLE_RADIAL"
 
 
-@pytest.mark.parametrize("lens, remedy", [(None, "leave it out, or give such files alone"),
+@pytest.mark.parametrize("lens, remedy", [(None, "remove it, or give only such files"),
                                           ("OPENCV", "leave out --lens OPENCV")])  # fmt: skip
 def test_a_panorama_among_others_is_no_pinhole(tmp_path, lens, remedy):
     write_panorama(tmp_path / "b.jpg")

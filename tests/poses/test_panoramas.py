@@ -111,8 +111,8 @@ def test_masks_of_panoramas_are_cut_along(posed):
 
 
 @pytest.mark.parametrize("size, said", [
-    ((60, 40), "b.png: is 60x40, no panorama of all directions, .* leave out --lens EQUIRECTANGULAR"),
-    ((120, 40), "b.png: is 120x40, no panorama of all directions"),
+    ((60, 40), "b.png: is 60x40, but a panorama of all directions is .* leave out --lens EQUIRECTANGULAR"),
+    ((120, 40), "b.png: is 120x40, but a panorama of all directions is"),
     ((80, 40), "b.png: is 80x40, and a.png is 64x32; export all panoramas in one size"),
     ((32, 16), "b.png: is 32x16, and a.png is 64x32"),
 ])  # fmt: skip
@@ -150,7 +150,7 @@ def test_views_are_cut_where_one_is_missing_and_know_where_down_is(tmp_path):
 
 def test_frames_of_a_video_that_is_no_panorama_are_not_cut(tmp_path):
     frame = Photograph("frame_000000.jpg", 640, 360, "", None)
-    with pytest.raises(DataError, match="frame_000000.jpg: is 640x360, no panorama"):
+    with pytest.raises(DataError, match="frame_000000.jpg: is 640x360, but a panorama"):
         cut_panoramas([frame], tmp_path, tmp_path, lambda done, n: None)
 
 

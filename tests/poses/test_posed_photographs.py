@@ -239,7 +239,7 @@ def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
     Image.fromarray(pixels()).save(tmp_path / "in" / "a.png")
     Image.fromarray(np.ones(pixels().shape[:2], np.uint8)).save(tmp_path / "masks" / "a.png")
     made = prepared(tmp_path / "in", tmp_path / "out")
-    with pytest.raises(DataError, match="a.png: is of 0 and 1, which are both black; multiply it by 255"):
+    with pytest.raises(DataError, match="a.png: has only 0 and 1, and both are black; multiply it by 255"):
         prepare_masks(tmp_path / "masks", made, tmp_path / "out" / "masks")
 
 
@@ -249,7 +249,7 @@ def test_a_mask_that_stands_where_its_upright_image_lies_is_refused(tmp_path):
     Image.fromarray(pixels()).save(tmp_path / "in" / "a.png")
     Image.fromarray(np.rot90(pixels()[..., 0])).save(tmp_path / "masks" / "a.png")
     made = prepared(tmp_path / "in", tmp_path / "out")
-    with pytest.raises(DataError, match="a.png: is 40x60, a quarter turn from its image, of 60x40; turn it"):
+    with pytest.raises(DataError, match="a.png: is 40x60, turned by 90° against its image, 60x40; turn it"):
         prepare_masks(tmp_path / "masks", made, tmp_path / "out" / "masks")
 
 
@@ -363,5 +363,5 @@ def test_a_mask_painted_on_the_pixels_of_the_file_is_turned_along(tmp_path, quar
     np.testing.assert_array_equal(made, np.rot90(mask, -1))
     Image.fromarray(mask).save(tmp_path / "masks" / "other.png")
     (tmp_path / "masks" / "a b.png").unlink()
-    with pytest.raises(DataError, match="has no mask for any of the images; name them as the images, like a_b.png"):
+    with pytest.raises(DataError, match="has no mask for any of the images; name them like the images, as a_b.png"):
         prepare_masks(tmp_path / "masks", photographs, tmp_path / "made")

@@ -286,7 +286,7 @@ def test_undistorted_from_the_command_line(room, tmp_path, capsys):
     cameras = found_cameras(tmp_path / "out")
     assert np.linalg.norm(cameras["view_2"].position - cameras["view_4"].position) == pytest.approx(1.5)
     assert status == 0 and "3 of 3 images have a pose" in out and out.endswith(f"{tmp_path / 'out'}\n"), err
-    assert "up is -y, as the cameras were held; no image says where down is; the unit is a metre" in out
+    assert "up is -y, as the cameras were held, because no image says where down is; the unit is a metre" in out
     assert read_world(tmp_path / "out") == read_world(tmp_path / "out" / "distorted") == World("-y", 1.0)
     assert "undistortion" in out and (tmp_path / "out" / "distorted" / "sparse" / "0").is_dir()
     assert pycolmap.Reconstruction(str(tmp_path / "out" / "sparse" / "0")).cameras[1].model_name == "PINHOLE"
@@ -325,7 +325,7 @@ def test_train_finds_poses_of_plain_images_first(source, posed, tmp_path, capsys
     monkeypatch.setattr(module, "find_poses", find)
     tiny = ("--steps", 14, "--max-primitives", 80, "--sh-degree", 0, "--downscale", 4, "--preset", "3dgs")
     status, out, err = run(capsys, "train", source, "-o", tmp_path / "run", *tiny, "--seed", 3)
-    assert status == 0 and f"{source} has no cameras: finding its poses, into {tmp_path / 'run' / 'posed'}" in out, err
+    assert status == 0 and f"{source} has no cameras: finding poses first, in {tmp_path / 'run' / 'posed'}" in out, err
     assert given == [PosesConfig(seed=3)] and f"{N} of {N} images have a pose" in out
     config = json.loads((tmp_path / "run" / "config.json").read_text())
     assert config["data"] == str(tmp_path / "run" / "posed") and config["masks"] == str(tmp_path / "run/posed/masks")

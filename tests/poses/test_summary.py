@@ -57,7 +57,7 @@ def test_a_summary_counts_what_has_a_pose_and_names_the_rest():
     assert (found.n_images, found.n_registered, found.n_points, found.observations) == (4, 2, 1234, 56.7)
     assert found.without_pose == ["d", "c"] and len(found.cameras) == 2
     assert found.lines()[3:7] == [
-        "up is -y, as 3 images say; the unit is a metre", "2 masks; train with --masks masks/ of this folder",
+        "up is -y, as 3 images say; the unit is a metre", "2 masks; train with --masks and the folder masks/ here",
         "without a pose: d, c", "warning: it rains; wait",
     ]  # fmt: skip
 
@@ -66,4 +66,4 @@ def test_a_summary_counts_what_has_a_pose_and_names_the_rest():
 def test_few_of_the_images_without_a_pose_are_named(names, said):
     lines = Summary(9, 2, 100, 0.5, 70.0, [], 0, list(names), [], {}).lines()
     assert f"without a pose: {said}" in lines
-    assert "up is -y, as the cameras were held; the unit is of structure from motion; --scale makes it metres" in lines
+    assert "up is -y, as the cameras were held; the unit is arbitrary; --scale makes it a metre" in lines

@@ -133,5 +133,5 @@ def test_a_length_is_between_images_that_have_a_pose():
 
 @pytest.mark.parametrize("length", ["0", "-1", "long", "nan", "inf"])
 def test_a_length_is_a_number_above_zero(length):
-    with pytest.raises(DataError, match="--scale: .* is no length; use a number above 0"):
+    with pytest.raises(DataError, match="--scale: .* is not a length; use a number above 0"):
         PosesConfig(scale=("a", "b", length))

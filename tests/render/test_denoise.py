@@ -115,7 +115,7 @@ def test_files_have_the_smooth_colours_and_no_more_channels(room, tmp_path):
     ("film", "integrator", "problem"),
     [
         ("", "path", "is for the integrator dogpath, and the scene has another; give the scene"),
-        ('<string name="pixel_format" value="luminance"/>', "dogpath", "is for colours, and the film is luminance"),
+        ('<string name="pixel_format" value="luminance"/>', "dogpath", "needs colours, but the film is luminance"),
     ],
 )
 def test_other_scenes_are_refused(room, tmp_path, film, integrator, problem):
@@ -127,7 +127,7 @@ def test_other_scenes_are_refused(room, tmp_path, film, integrator, problem):
 
 def test_a_model_alone_is_refused(model, tmp_path, capsys):
     assert main(["render", str(model), "-o", str(tmp_path / "out.png"), "--denoise"]) == 2
-    assert "--denoise: a model alone has no noise; leave it out" in capsys.readouterr().err
+    assert "--denoise: a model has no noise; leave it out" in capsys.readouterr().err
 
 
 def test_a_missing_package_is_named(room, tmp_path, capsys, monkeypatch):

@@ -63,7 +63,7 @@ def test_a_view_is_shown_as_the_camera_exposed_it(model, data, tmp_path):
     render_model(model, tmp_path / "first.png", data, appearance=tmp_path / "first.json")  # the view of no name
     shown, plain = (srgb_to_linear(read_png(tmp_path / f"{out}.png") / 255) for out in ("first", "plain"))
     assert np.abs(shown - np.clip(2 * plain, 0, 1)).max() < 0.02 < np.abs(shown - plain).max()
-    with pytest.raises(DataError, match="--appearance: is of photographs, and the model holds linear radiance; leave"):
+    with pytest.raises(DataError, match="--appearance: is for photographs, but the model holds linear radiance; leave"):
         linear = PictureOptions(linear=True)
         render_model(model, tmp_path / "3.exr", data, "3", options=linear, appearance=tmp_path / "first.json")
     with pytest.raises(DataError, match="none.json: cannot be read"):
@@ -117,7 +117,7 @@ def test_an_exr_holds_the_aovs_that_are_asked_for(model, data, tmp_path):
         ("v.exr", "depth,albedo", '--aovs: unknown AOV "albedo"; available are alpha, depth'),
         ("v.exr", "depth,depth", '--aovs: the AOV "depth" is there twice; name it once'),
         ("v.exr", "depth; normal", '--aovs: unknown AOV "depth; normal"; available are alpha, depth'),
-        ("v.png", "depth", "--aovs: .*v.png has no room for them; name a file that ends in .exr"),
+        ("v.png", "depth", "--aovs: .*v.png cannot hold them; name a file that ends in .exr"),
     ],
 )
 def test_aovs_that_cannot_be_written_are_refused(model, tmp_path, name, aovs, message):
@@ -146,7 +146,7 @@ def test_an_npz_holds_the_picture_over_black_as_arrays(model, data, tmp_path):
         assert set(arrays) == {"color", "alpha", "depth"}
         for name, values in arrays.items():
             np.testing.assert_array_equal(values, getattr(expected, name))
-    with pytest.raises(DataError, match="models only"):
+    with pytest.raises(DataError, match="only written for models"):
         render_scene(scene_file(tmp_path, SPHERE + SENSOR), tmp_path / "s.npz")
 
 
@@ -159,7 +159,7 @@ def test_an_npz_of_a_linear_model_holds_its_radiance_as_an_exr_does(model, data,
 
 
 def test_a_white_that_the_model_does_not_go_by_is_refused(model, tmp_path):
-    with pytest.raises(DataError, match="--white: is of linear radiance, and the colours of the model are sRGB values"):
+    with pytest.raises(DataError, match="--white: is for linear radiance, but the model has sRGB colours"):
         render_model(model, tmp_path / "view.png", options=PictureOptions(white=3.0))
 
 
@@ -191,16 +191,16 @@ def test_a_view_is_rendered_where_the_photographs_do_not_fit_into_memory(model, 
 
 
 def test_an_unknown_view_is_answered_with_close_names(model, data, tmp_path):
-    with pytest.raises(DataError, match='"33" is no view of .* it has 8, such as 3$'):
+    with pytest.raises(DataError, match='"33" is not a view of .* it has 8, such as 3$'):
         render(model, tmp_path / "v.png", data=data, camera="33")
     with pytest.raises(DataError, match="it has 8, such as 0, 1, 2, 3, 4$"):
         render(model, tmp_path / "v.png", data=data, camera="DSC_0815")
-    with pytest.raises(DataError, match='--camera: "3" is no .json file; add --data'):
+    with pytest.raises(DataError, match='--camera: "3" is not a .json file; add --data'):
         render(model, tmp_path / "v.png", camera="3")
 
 
 def test_a_camera_file_and_data_are_not_both_looked_at(model, data, tmp_path):
-    with pytest.raises(DataError, match="--data: is for a view by its name, and --camera names a file; leave one"):
+    with pytest.raises(DataError, match="--data: is for views by name, but --camera names a file; leave one"):
         render(model, tmp_path / "v.png", data=data, camera="camera.json")
 
 
@@ -313,7 +313,7 @@ def test_what_mitsuba_says_about_a_scene_becomes_one_line(tmp_path, content, mes
 
 
 def test_a_scene_is_not_rendered_for_a_format_that_has_no_room_for_it(tmp_path):
-    with pytest.raises(DataError, match="s.npz: arrays hold pictures of models only"):
+    with pytest.raises(DataError, match="s.npz: arrays are only written for models"):
         render_scene(scene_file(tmp_path, "what no scene holds"), tmp_path / "s.npz")
 
 

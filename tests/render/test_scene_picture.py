@@ -69,8 +69,8 @@ def test_splats_that_are_not_seen_are_warned_of_whatever_the_parameters_are(scen
     ("given", "line"),
     [
         ("fog=1", '--define: {path} has no parameter "$fog"; leave it out, or correct its name'),
-        ("light", '--define: "light" is no NAME=VALUE; give one, as -D spp=16'),
-        ("=1", '--define: "=1" is no NAME=VALUE; give one, as -D spp=16'),
+        ("light", '--define: "light" is not NAME=VALUE; write it like -D spp=16'),
+        ("=1", '--define: "=1" is not NAME=VALUE; write it like -D spp=16'),
         ("path=1", '--define: Mitsuba keeps the name "path" for itself; give the parameter of the scene another name'),
         ("light=x", '{path}: line 2: Mitsuba cannot render it (could not parse RGB value "x"); correct the scene'),
     ],
@@ -85,8 +85,8 @@ def test_definitions_of_no_use_are_one_line(scene, tmp_path, capsys, given, line
 @pytest.mark.parametrize(
     ("flags", "line"),
     [
-        (["-s", "1"], "--sensor: a model alone has none; leave it out"),
-        (["-D", "light=1"], "--define: is for parameters of a scene; leave it out"),
+        (["-s", "1"], "--sensor: a model has no sensors; leave it out"),
+        (["-D", "light=1"], "--define: is only for parameters of a scene; leave it out"),
     ],
 )
 def test_a_model_has_neither_sensors_nor_parameters(model, tmp_path, capsys, flags, line):

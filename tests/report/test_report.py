@@ -188,9 +188,9 @@ def test_an_interrupted_run_says_so_and_how_far_it_came(run):
     (run / "history.jsonl").write_text(text_of(run / "history.jsonl") + '{"step": 710, "sec')
     page = parsed(text_of(write_report(run)))
     assert [words(notice) for notice in page.findall(".//*[@class='notice']")] == [
-        "This run is not complete: there is no metrics.json, so it was interrupted or is still running. Last logged: "
+        "This run is not complete: there is no metrics.json. It was interrupted, or is still running. Last logged: "
         "step 700 of 700 after 4 min 57 s, training L1 0.0029, 169 primitives.",
-        "Lines of history.jsonl that are not JSON and are left out: 1.",
+        "Lines of history.jsonl that were left out because they are not JSON: 1.",
     ]
     assert len(list(page.iter("svg"))) == 4
 

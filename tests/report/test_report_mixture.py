@@ -55,8 +55,8 @@ def test_the_parts_and_both_errors_stand_in_the_report(run):
     found = mixture(run)
     assert [words(caption) for caption in found.iter("figcaption")] == [
         "Render",
-        "The 3,800 plain Gaussians alone",
-        "The 1,200 DoG alone",
+        "The 3,800 plain Gaussians only",
+        "The 1,200 DoG only",
         "Render without DoG",
         "FLIP error with DoG",
         "FLIP error without DoG",

@@ -173,7 +173,7 @@ def test_the_report_names_them_with_pictures_and_what_helps(folder):
     assert part is not None
     text = words(part)
     remedy = "mask it (by dogsplat masks, or by hand)"
-    for said in ("12 of 12 training views were looked at", remedy, "a part of it: in the way"):
+    for said in ("12 of 12 training views were looked at", remedy, "something was in the way"):
         assert said in text
     sources = [image.get("src", "") for image in part.iter("img")]
     assert len(sources) == 3 * len(PLANTED) and all(source.startswith("data:image/jpeg") for source in sources)

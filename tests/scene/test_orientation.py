@@ -22,7 +22,7 @@ def test_a_direction_has_a_name(name):
 
 @pytest.mark.parametrize("name", ["up", "", "1,2", "0,0,0", "nan,0,1", "1e400,0,0", "--y", "1,2,3,4"])
 def test_what_is_none_is_refused_and_passed_over_in_files(name):
-    with pytest.raises(ValueError, match="is no direction"):
+    with pytest.raises(ValueError, match="is not a direction"):
         up_vector(name)
     assert drawing_of([f"dogsplat up {name}"]).up is None
     assert drawing_of_extras({"dogsplat": {"up": [0, 1, 0]}}).up is None

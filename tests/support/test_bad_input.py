@@ -113,7 +113,7 @@ def array_of_colors(color: str) -> str:
         ("run_metrics", '{"test": 3}', '"test" is not what a run writes'),
         ("run_metrics", '{"views": {"a": 3}}', '"views.a" is not what a run writes'),
         ("run_dog_profile", '{"with_dog": {"error": [0.1, "x"]}}', '"with_dog.error" is not what a run writes'),
-        ("point_ply", array_of_colors("1e300"), "a colour is none"),
+        ("point_ply", array_of_colors("1e300"), "a colour has no valid value"),
         ("checkpoint_array", array_header("(12,), }", "(10000000000000,), }"), "not a readable checkpoint"),
         ("checkpoint_array", array_header("<f4", "|O8"), "not a readable checkpoint"),
         ("checkpoint_array", array_header("<f4", "<i0"), "not a readable checkpoint"),

@@ -141,7 +141,7 @@ def test_amounts_are_understood_as_people_write_them(text, expected):
 
 @pytest.mark.parametrize("text", ["", "G", "-1G", "1e9", "4 apples", "1..2G", "nan", "5iB", "9" * 400])
 def test_what_is_no_amount_is_one_line_that_names_the_flag(text):
-    with pytest.raises(DataError, match="^--memory: .* is no amount of memory; use a number with K, M, G or T"):
+    with pytest.raises(DataError, match="^--memory: .* is not an amount of memory; use a number with K, M, G or T"):
         TrainConfig("data", memory=text)
 
 

@@ -84,7 +84,7 @@ def test_so_does_looking_into_it(written):
 @pytest.mark.parametrize("read", [splat_scene, has_splats, load_scene, lambda path: render_scene(path, "out.png")])
 def test_a_path_that_mitsuba_cannot_be_told_is_refused(written, read):
     path = written().rename(written().with_name("caf\udce9.xml"))  # é of Latin-1, as Python has it
-    with pytest.raises(DataError, match=r"its path is not UTF-8, and Mitsuba reads no other; rename it"):
+    with pytest.raises(DataError, match=r"its path is not UTF-8, which Mitsuba needs; rename it"):
         read(path)
 
 

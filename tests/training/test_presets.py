@@ -251,9 +251,9 @@ def test_the_preset_decides_on_the_largest_scale_unless_it_is_given():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"target": 0.0}, "--target: 0 is no target"),
+        ({"target": 0.0}, "--target: 0 is not a target"),
         ({"target": -0.1}, "--target"),
-        ({"target": 2.5}, "--target: 2.5 is no target"),
+        ({"target": 2.5}, "--target: 2.5 is not a target"),
         ({"target": math.nan}, "--target"),
         ({"target": math.inf}, "--target"),
         ({"target": 500, "max_primitives": 500}, "--target: 500 .* --max-primitives 500"),

@@ -32,7 +32,7 @@ def test_sizes_are_in_bytes(written, size):
     "written", ["0", "-3", "2.5", "1.0", "100%", "0%", "many", "2M", "0MB", "-2MB", "", "nan", "1e999"]
 )
 def test_what_is_neither_is_refused_in_one_line(written):
-    with pytest.raises(DataError, match=r"^--target: .*is no target; use a ratio.*2MB") as caught:
+    with pytest.raises(DataError, match=r"^--target: .*is not a target; use a ratio.*2MB") as caught:
         TrainConfig("photos", target=written)
     assert "\n" not in str(caught.value)
 

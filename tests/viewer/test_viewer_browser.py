@@ -252,7 +252,7 @@ def test_arrays_that_are_no_checkpoint_are_refused_in_one_line(capsys, tmp_path)
     np.savez_compressed(tmp_path / "compressed.npz", a=np.zeros(3))
     (tmp_path / "text.npz").write_text("no arrays")
     for name in ("arrays.npz", "odd.npz", "compressed.npz", "text.npz"):
-        words = f"{name}: is not the checkpoint of a training", "give a model or a run folder"
+        words = f"{name}: is not a checkpoint of a training", "give a model or a run folder"
         assert_one_line(run(capsys, "view", tmp_path / name), *words)
 
 
@@ -262,7 +262,7 @@ def test_view_names_what_is_missing_in_one_line(capsys, tmp_path):
 
 
 def test_a_white_that_the_model_does_not_go_by_is_refused_in_one_line(capsys, model):
-    assert_one_line(run(capsys, "view", model, "--white", "3"), "--white: is of linear radiance", "add --linear")
+    assert_one_line(run(capsys, "view", model, "--white", "3"), "--white: is for linear radiance", "add --linear")
 
 
 def test_a_downscale_without_photographs_is_refused_in_one_line(capsys, model):

@@ -13,23 +13,23 @@ from ...support.variants import set_variant
 from ..flags import MODEL_HELP, add_picture_flags, add_settings, given_settings
 from ..printing import cleaned_lines, size_line
 
-SUMMARY = "a model without what it does not need, or what you do not want"
+SUMMARY = "remove what a model does not need, or what you do not want"
 EXAMPLES = """
 Examples:
-  dogsplat clean model.ply -o lean.ply                       what no picture shows leaves
+  dogsplat clean model.ply -o lean.ply                       without what no picture shows
   dogsplat clean model.ply -o object.ply --sphere 0 0 0 1.5 --connected 1 --preview clean.png
-                                                             an object alone; and a picture to look at first
-  dogsplat clean model.ply -o said.ply --up=-y --unit 0.31   says what is up, and its metres; no more
+                                                             only an object; and a picture to check it
+  dogsplat clean model.ply -o said.ply --up=-y --unit 0.31   only states what is up, and the unit in metres
   dogsplat clean model.ply -o lean.ply --data photos/ --seen --floaters
-                                                             what the photographs do not bear out
+                                                             without what the photographs contradict
   dogsplat clean run/point_cloud.ply -o object.ply --data photos/ --masks masks/
-                                                             what masks show in white, as an object
+                                                             only the object that is white in masks
 
-Without flags: primitives with a NaN or an infinite number, those of an opacity below 1/255, DoG without
-effect, and slopes, curvatures, cuts, shifts and SH bands that are zero. What the flags take out is counted,
-each primitive for the first reason that it has. --seen leaves every training view as it is. --masks keeps
-what is seen in white more than in black. --floaters goes by the surfaces that the views show
-(docs/clean.md): look at the PSNR before and after, which --data adds.
+Without flags this removes primitives with a NaN or an infinite number, primitives with an opacity below
+1/255, DoG without effect, and slopes, curvatures, cuts, shifts and SH bands that are zero. The command prints
+how many primitives each flag removes; a primitive with several reasons counts for the first. --seen changes
+no training view. --masks keeps what is seen more in white than in black. --floaters compares primitives with
+the surfaces that the views show (docs/clean.md). With --data, PSNR is measured before and after: look at it.
 """
 
 
@@ -40,14 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, CleanConfig)
     add_settings(parser, WorldConfig)
     parser.add_argument(
-        "--data", metavar="DATA", help="data set for --seen, --masks, --floaters, and for PSNR before and after"
+        "--data", metavar="DATA", help="data set for --seen, --masks and --floaters, and for PSNR before and after"
     )
     parser.add_argument("--preview", type=Path, metavar="OUT.png", help="also write a picture of before and after")
     add_picture_flags(parser)
 
 
 def run(args: argparse.Namespace) -> None:
-    """Take out of a model what no picture of it shows, which changes none, and what you do not want."""
+    """Remove from a model what no picture of it shows, and what you do not want."""
     config, options = given_settings(CleanConfig, args), given_settings(PictureOptions, args)
     world = given_settings(WorldConfig, args)
     if args.data or args.preview:

@@ -19,26 +19,26 @@ from ..errors import resumable
 from ..flags import DATA_HELP, add_settings, training_config
 from ..printing import say
 
-SUMMARY = "several methods under one budget, in one table"
+SUMMARY = "train several methods to one budget, and compare them in a table"
 EXAMPLES = """
 Examples:
   dogsplat compare photos/ -o compared --steps 7000 --downscale 2 --max-primitives 40000
   dogsplat compare fox/ fern/ lego/ -o compared --seeds 0 1 2 --only 3dgs speedy_splat ours
                                                        three data sets, three seeds, three methods
   dogsplat compare photos/ -o compared --only published equal
-                                                       all, also with our window and step sizes
+                                                       all, and all with our window and step sizes
   dogsplat compare photos/ -o compared --only paper ours --more-targets 0.05 0.2
                                                        tables of equal bytes and equal time, too
   dogsplat compare fox/ fern/ -o compared --workers 2  two runs at a time, on this machine
   dogsplat compare fox/ fern/ -o compared --cluster tcp://10.0.0.7:8786
                                                        on the workers of a Dask cluster (docs/compare.md)
-All methods of a seed share the renderer, the number of steps (but for released_40k) and the number of
-primitives, and most of them one densified start; the others begin at the first step. 3dgs is the baseline at
-100 %.
-DIR/comparison.html has the tables, plots and pictures, comparison.csv and .tex the numbers; they are
-rewritten as runs finish, and each run is a run folder under DIR/DATA/seed_N/. What is complete is not
-repeated. A run that fails is named, and stops no other. --workers and --cluster need the extra
-mi_dogsplat[cluster].
+
+All methods of a seed have the same renderer, the same number of steps (except released_40k) and of
+primitives. Most of them continue from one densified start; the others begin at the first step. 3dgs is the
+baseline at 100 %. DIR/comparison.html has the tables, plots and pictures; comparison.csv and comparison.tex
+have the numbers. All three are written again whenever a run finishes. Each run is a run folder under
+DIR/DATA/seed_N/. Runs that are complete are not repeated. A run that fails is named, and the others go on.
+--workers and --cluster need the extra mi_dogsplat[cluster].
 """
 
 PRESET = "3dgs"  # of the densified start, whose bounds are those of all methods
@@ -57,16 +57,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("data", nargs="+", metavar="DATA", help=DATA_HELP)
     parser.add_argument(
-        "-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to go on with"
+        "-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to continue"
     )
     parser.add_argument("--seeds", type=int, nargs="+", default=[0], metavar="N", help="random seeds (default: 0)")
-    methods = f"methods, of {' '.join(ALL)}, or sets, of {' '.join(SETS)} (default: published)"
+    methods = f"methods ({' '.join(ALL)}), or sets of them ({' '.join(SETS)}) (default: published)"
     parser.add_argument("--only", nargs="+", default=list(PUBLISHED), metavar="NAME", help=methods)
-    more = "targets beside --target, for the tables of equal bytes and time"
+    more = "further targets, for the tables of equal bytes and equal time"
     parser.add_argument("--more-targets", nargs="+", default=[], metavar="X", help=more)
     parser.add_argument("--cluster", metavar="ADDRESS", help="address of a Dask scheduler, such as tcp://10.0.0.7:8786")
     parser.add_argument(
-        "--workers", type=int, default=0, metavar="N", help="runs at a time, on this machine (default: 0: no Dask)"
+        "--workers", type=int, default=0, metavar="N", help="runs at once, on this machine (default: 0: no Dask)"
     )
     add_training_flags(parser)
 
@@ -75,12 +75,12 @@ def add_training_flags(parser: argparse.ArgumentParser) -> None:
     """What all trainings of a comparison have in common; their target is no size of a file, as that of a training may
     be."""
     add_settings(parser, TrainConfig, TRAINING_FLAGS, said={"max_world_scale": WORLD_SCALE})
-    target = f"what is left after pruning: {COUNTS} (default: {TrainConfig.target})".replace("%", "%%")
+    target = f"size after pruning: {COUNTS} (default: {TrainConfig.target})".replace("%", "%%")
     parser.add_argument("--target", default=TrainConfig.target, metavar="X", help=target)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train several compact methods from one densified start per data set and seed, to one budget; tabulate them."""
+    """Train several compact methods to one budget, from one densified start per data set and seed, and compare them."""
     try:
         methods = chosen(args.only)
     except ValueError as error:

@@ -11,18 +11,18 @@ from ...support.wording import printable
 from ..flags import DATA_HELP, MODEL_HELP, add_picture_flags, given_settings
 from ..printing import metrics_line
 
-SUMMARY = "metrics of a model on the test split"
+SUMMARY = "measure a model on the test views of its data"
 EXAMPLES = """
 Examples:
   dogsplat eval run/point_cloud.ply photos/ --downscale 2
-  dogsplat eval run/point_cloud.ply photos/ --downscale 2 -o measured/   also writes pictures and metrics.json
+  dogsplat eval run/point_cloud.ply photos/ --downscale 2 -o measured/   also write pictures and metrics.json
   dogsplat eval run/point_cloud.ply photos/ --masks masks/ --color-correct
-                                                       white pixels; and PSNR after colour correction
+                                                       only white pixels; also PSNR after colour correction
   dogsplat eval run/point_cloud.ply photos/ --align-poses
-                                                       and PSNR from where each test view fits best
+                                                       also PSNR from where each test view fits best
 
-Use the --downscale that the model was trained with, else the numbers say little about it. Where it was
-trained on OpenEXR images with a --white, use that, too: it exposes images and model.
+Use the --downscale with which the model was trained; otherwise the numbers say little about it. If it was
+trained on OpenEXR images with a --white, use that one, too: it sets the exposure of images and model.
 """
 
 
@@ -31,13 +31,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
     parser.add_argument("data", metavar="DATA", help=DATA_HELP)
     parser.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
-    parser.add_argument("--color-correct", action="store_true", help="also PSNR after each view's best colour map")
-    parser.add_argument("--align-poses", action="store_true", help="also PSNR from the pose that fits each view best")
+    corrected, aligned = "after the best colour map of each view", "from the pose that fits each view best"
+    parser.add_argument("--color-correct", action="store_true", help=f"also measure PSNR {corrected}")
+    parser.add_argument("--align-poses", action="store_true", help=f"also measure PSNR {aligned}")
     add_picture_flags(parser, "masks", "data_on_disk")
 
 
 def run(args: argparse.Namespace) -> None:
-    """Metrics of a model on the test views of a data set (all views without a split); LPIPS where it is installed."""
+    """Measure a model on the test views of a data set (all views if it has no split), with LPIPS if it is installed."""
     options = given_settings(PictureOptions, args)
     set_variant(args.variant)
     from ...datasets.masks import without_mask

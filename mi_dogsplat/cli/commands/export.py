@@ -13,13 +13,13 @@ from ...support.variants import set_variant
 from ..flags import MODEL_HELP, add_picture_flags, add_settings, given_settings
 from ..printing import loss_table, size_line
 
-SUMMARY = "a model in the format of another program"
+SUMMARY = "write a model in the format of another program"
 EXAMPLES = """
 Examples:
   dogsplat export run/point_cloud.ply -o model.spz                    Niantic, Babylon, Spark; small
   dogsplat export run/point_cloud.ply -o model.sog                    PlayCanvas, SuperSplat; small
   dogsplat export run/point_cloud.ply -o model.sog --small --data photos/ --downscale 2
-                                                                      two fifths of that, refined for it
+                                                                      two fifths of that, and refined
   dogsplat export run/point_cloud.ply -o model.compressed.ply         PlayCanvas, SuperSplat; a quarter
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o model.usdz                   OpenUSD: Houdini, Omniverse; lossless
@@ -27,20 +27,21 @@ Examples:
                                                                       any 3DGS viewer; measured on photographs
   dogsplat export run/point_cloud.ply -o small.compressed.ply --dog keep
                                                                       with DoG, in five bytes each
-  dogsplat export run/point_cloud.ply -o model.spz --upright          up is y, whatever it is in the model
+  dogsplat export run/point_cloud.ply -o model.spz --upright          up is y, whatever it was in the model
   dogsplat export model.ply -o model.glb --up=-y --unit 0.31          glTF upright and in metres
   dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
-                                                                      a page with a viewer, to send around
+                                                                      a web page with a viewer, to send on
 
-MODEL may have any of these formats. Those that know no negative lobes get the Gaussian nearest to a DoG
-primitive, or its primary (--dog drop), mean colours where a colour varies over its primitive, the whole
-primitive nearest to one that a plane cuts off, and mean places where these depend on the view; --dog keep,
---slopes keep, --cuts keep and --shifts keep are for .ply and .compressed.ply. The model is then refined on
-the photographs of --data, or on renders, 10 to 100 ms a step on a CPU (--refine 0: not at all). The file is
-read back, and the loss of each stage is printed. glTF and OpenUSD are upright and in metres, as far as the
-model says (--up, --scale); .spz has y up if that of the model is -y. The others have the axes of the model;
---upright turns and scales the model itself. A page (.html, 0.8 MB and the model) needs a browser and no
-network, and opens with the first photograph of the data.
+MODEL may have any of these formats. Other programs know only plain Gaussians. So each DoG primitive becomes
+the nearest Gaussian, or only its primary (--dog drop). A colour that varies over a primitive becomes its
+mean, a primitive that a plane cuts off becomes the nearest whole one, and a place that depends on the view
+becomes its mean. Files in .ply and .compressed.ply can hold all of this: --dog keep, --slopes keep, --cuts
+keep, --shifts keep. To make up for what is left out, the model is refined on the photographs of --data, or
+else on renders of the model, which takes 10 to 100 ms a step on a CPU (--refine 0: not at all). The file is
+read back, and the loss of each stage is printed. glTF and OpenUSD are upright and in metres, if the model
+states its up axis and unit, or --up and --scale do. SPZ has y up if the model has -y up. Other formats keep
+the axes of the model; --upright turns and scales the model itself. A web page (.html, 0.8 MB and the model)
+needs a browser but no network, and opens with the view of the first photograph of the data.
 """
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,14 +50,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join((*FORMATS, ".html")))
     add_settings(parser, ExportConfig)
     parser.add_argument(
-        "--data", metavar="DATA", help="refine on its photographs, and measure the loss on its test views"
+        "--data", metavar="DATA", help="data set: refine on its photographs, and measure the loss on its test views"
     )
     add_settings(parser, WorldConfig)
     add_picture_flags(parser)
 
 
 def run(args: argparse.Namespace) -> None:
-    """Write a model in the format of another program, without what that does not know, and measure the loss."""
+    """Write a model in the format of another program, without what that format cannot hold, and measure the loss."""
     config, world = given_settings(ExportConfig, args), given_settings(WorldConfig, args)
     options = given_settings(PictureOptions, args)
     set_variant(args.variant)

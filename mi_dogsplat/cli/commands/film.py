@@ -13,34 +13,34 @@ from ...training.config import TrainConfig
 from ..flags import MODEL_HELP, OF_RUN, add_settings, given_settings
 from ..scene_flags import add_scene_flags, is_scene, require_no_scene_flags, scene_options
 
-SUMMARY = "a model or Mitsuba scene along a camera path, to a video or pictures"
+SUMMARY = "render a model or Mitsuba scene along a camera path, as a video or pictures"
 OF_MODELS = "background", "antialiased", "near_clip", "linear", "white"
 EXAMPLES = """
 Examples:
-  dogsplat film run/ -o film.mp4                                  what suits the data of the run
+  dogsplat film run/ -o film.mp4                                  a path that suits the data of the run
   dogsplat film run/point_cloud.ply -o film.mp4 --seconds 6 --elevation 35 --size 1920 1080
                                                                   one turn around the model
   dogsplat film run/ -o film.mp4 --path cameras --smoothing 4     the path of the photographer, smoothed
   dogsplat film run/point_cloud.ply -o film.mp4 --path keys.json --shutter 0.5
                                                                   through key frames, with motion blur
-  dogsplat film run/point_cloud.ply -o frames/                    numbered pictures, frames/0000.png and on
+  dogsplat film run/point_cloud.ply -o frames/                    numbered pictures from frames/0000.png on
   dogsplat film run/point_cloud.ply -o frames_exr/%04d.exr        linear colour with alpha, for compositing
   dogsplat film lit.xml -o lit.mp4 --spp 16 --denoise             a Mitsuba scene, around what its sensor sees
   dogsplat film scene.xml -o filmed/ --path keys.json -D radius=2
                                                                   through key frames; "$radius" is 2
 
 Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...],
-"loop": false, "up": [0, 0, 1]}, or a list of camera files (docs/film.md). A video that is stopped
-leaves no file; numbered pictures that are complete stay, and the same command goes on after them.
+"loop": false, "up": [0, 0, 1]}, or a list of camera files (docs/film.md). If a video is stopped, no file
+remains. Numbered pictures that are complete remain, and the same command continues after them.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    what = f"{MODEL_HELP}; run folder; or Mitsuba scene .xml"
+    what = f"{MODEL_HELP}; a run folder; or a Mitsuba scene .xml"
     parser.add_argument("model", type=Path, metavar="MODEL_RUN_or_SCENE", help=what)
     # no path, which would forget the slash at the end of a folder
-    parser.add_argument("-o", "--out", required=True, metavar="OUT", help=".mp4, FOLDER/, FOLDER/%%04d.exr")
+    parser.add_argument("-o", "--out", required=True, metavar="OUT", help=".mp4, FOLDER/ or FOLDER/%%04d.exr")
     parser.add_argument(
         "--data", metavar="DATA", help="data set whose cameras the path follows (default: that of the run)"
     )
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Render a film of a model or Mitsuba scene along a camera path, to a video or to numbered pictures."""
+    """Render a model or Mitsuba scene along a camera path, as a video or as numbered pictures."""
     config, options = given_settings(FilmConfig, args), given_settings(PictureOptions, args)
     set_variant(args.variant)
     from ...film.make import make_film, make_scene_film

@@ -8,27 +8,28 @@ from pathlib import Path
 from ...support.variants import set_variant
 from ..flags import MODEL_HELP
 
-SUMMARY = "what a file is and what is wrong with it"
+SUMMARY = "say what a file is and what is wrong with it"
 EXAMPLES = """
 Examples:
-  dogsplat info run/point_cloud.ply   counts, ranges, and primitives that are broken or wasted
-  dogsplat info run/                  settings and result of a run
+  dogsplat info run/point_cloud.ply   counts, ranges, and broken or useless primitives
+  dogsplat info run/                  settings and results of a run
   dogsplat info photos/               views, split, points, and whether the cameras see the points
   dogsplat info scene.xml             splats, other shapes, light and sensors of a Mitsuba scene
-  dogsplat info --features scene.xml  what its kernels need, at what cost, and what is left out of them
+  dogsplat info --features scene.xml  what its kernels need, at what cost, and what they leave out
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    parser.add_argument("file", type=Path, metavar="FILE", help=f"{MODEL_HELP}; run folder, data set, or Mitsuba scene")
+    what = f"{MODEL_HELP}; a run folder, a data set, or a Mitsuba scene"
+    parser.add_argument("file", type=Path, metavar="FILE", help=what)
     parser.add_argument(
-        "--features", action="store_true", help="what the kernels need for it, at what cost, and leave out"
+        "--features", action="store_true", help="say what its kernels need, at what cost, and what they leave out"
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Say what a file is: counts, ranges, and problems found; or what its kernels need and what they leave out."""
+    """Say what a file is, with counts, ranges and problems; or what its kernels need and what they leave out."""
     if args.features or args.file.suffix == ".xml":
         set_variant("auto")  # to count operations, to render the sensors of a scene
     if args.features:

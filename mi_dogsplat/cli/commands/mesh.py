@@ -14,25 +14,25 @@ from ...training.config import TrainConfig
 from ..flags import MODEL_HELP, add_settings, given_settings
 
 NAMES = (".ply", ".obj", ".glb", ".gltf", *USD_NAMES)
-SUMMARY = "the surface of a model as triangles"
+SUMMARY = "write the surface of a model as triangles"
 EXAMPLES = """
 Examples:
-  dogsplat mesh model.ply -o surface.ply                      from views around the model, and from within
-  dogsplat mesh model.ply -o surface.ply --data photos/       from the views of its training
+  dogsplat mesh model.ply -o surface.ply                      from views around the model and inside of it
+  dogsplat mesh model.ply -o surface.ply --data photos/       from its training views
   dogsplat mesh model.ply -o surface.obj --voxel 0.02 --connected 1
-                                                              its largest part, finer or coarser
-  dogsplat mesh model.ply -o surface.glb --faces 20000        few triangles, upright and in metres, as far as
-                                                              the model says
+                                                              only its largest part, in another resolution
+  dogsplat mesh model.ply -o surface.glb --faces 20000        few triangles; upright and in metres, if the
+                                                              model states its up axis and unit
   dogsplat mesh model.ply -o surface.glb --faces 20000 --texture 1024
-                                                              their colours in a picture, for games and web
+                                                              with a texture, for games and web pages
 
-For what splats cannot do themselves: a ball that rolls over them, a shadow that falls on them in another
-renderer. Depth pictures of the model are fused to a signed distance, and marching cubes make triangles of it.
-The mesh lies in the coordinates of the model, in glTF and OpenUSD upright and in metres. Its vertices have
-colours, or it has a texture.
+A mesh does what splats cannot do: a ball rolls over it, and in another renderer a shadow falls on it. Depth
+pictures of the model are fused into a signed distance, and marching cubes turn that into triangles. The mesh
+has the coordinates of the model; in glTF and OpenUSD it is upright and in metres. Its vertices have colours,
+or it has a texture.
 """
 
-OF_FILE = "(default: as the file says; without --data a hundredth of the radius of the model, if that is less)"
+OF_FILE = "(default: as the file says; without --data a hundredth of the radius of the model if that is less)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

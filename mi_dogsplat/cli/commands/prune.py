@@ -10,18 +10,18 @@ from ...training.config import TrainConfig
 from ..flags import DATA_HELP, MODEL_HELP, add_settings, training_config
 from ..training_run import run_training
 
-SUMMARY = "a smaller model of one that exists"
+SUMMARY = "make an existing model smaller, using its photographs"
 EXAMPLES = """
 Examples:
-  dogsplat prune model.ply photos/ -o run                      a tenth of its primitives
+  dogsplat prune model.ply photos/ -o run                      keeps a tenth of its primitives
   dogsplat prune model.ply photos/ -o run --target 20000 --steps 3500 --downscale 2
   dogsplat prune model.ply photos/ -o run --target 2MB --format spz
-                                                               a file of at most so many bytes
-  dogsplat prune model.ply photos/ -o run --preset released    as the authors' code does it
+                                                               a file of at most 2 MB
+  dogsplat prune model.ply photos/ -o run --preset released    as in the authors' code
 
-The model may come from any trainer of 3D Gaussians. The schedule begins with its first prune, without
-densification; --steps counts from there (default: what the preset's schedule has left). RUN is filled as by
-dogsplat train; its history names every decision to prune or to refine, with the reason.
+The model may come from any trainer of 3D Gaussians. There is no densification: the schedule begins with its
+first prune, and --steps counts from there (default: what is left of the preset's schedule). RUN is filled as
+by dogsplat train. Its history has every decision to prune or to refine, with the reason.
 """
 
 TRAINING_FLAGS = [
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     add_settings(parser, TrainConfig, TRAINING_FLAGS)
     add_settings(parser, PictureOptions, ["antialiased", "near_clip"])
-    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
+    parser.add_argument("--resume", action="store_true", help="continue from the last checkpoint of RUN")
 
 
 def run(args: argparse.Namespace) -> None:

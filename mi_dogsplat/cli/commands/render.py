@@ -16,7 +16,7 @@ from ..flags import MODEL_HELP, add_picture_flags, add_view_flags, given_setting
 from ..progress import Bar
 from ..scene_flags import add_scene_flags, is_scene, require_no_scene_flags, scene_options
 
-SUMMARY = "a model or Mitsuba scene to a picture"
+SUMMARY = "draw a picture of a model or Mitsuba scene"
 OF_MODELS = "data", "camera", "appearance", *(field.name for field in fields(PictureOptions))
 EXAMPLES = """
 Examples:
@@ -30,24 +30,24 @@ Examples:
   dogsplat render scene.xml -o view.exr                               a Mitsuba scene, by its first sensor
   dogsplat render scene.xml -o view.exr --spp 256                     with more samples per pixel
   dogsplat render scene.xml -o view.exr -s 1 -D radius=2              another sensor; "$radius" is 2
-  dogsplat render lit.xml -o view.png --spp 16 --denoise              with few, smoothed (dogpath)
+  dogsplat render lit.xml -o view.png --spp 16 --denoise              with few, denoised (dogpath)
 
 A camera file holds {"w2c": 4x4 world to camera (x right, y down, z forward), "fx": pixels, "fy", "cx",
-"cy", "width", "height"}; fy, cx and cy may be left out. A .png shows colours over the background; an .exr
-holds linear colour, premultiplied with alpha, and depth, or what --aovs lists: depth, median_depth, normal
-(in world space), index (of the primitive that contributes most, or -1), count (of contributions), and
-dog_share (of the contributions).
+"cy", "width", "height"}; fy, cx and cy may be left out. A .png shows the colours over the background. An .exr
+holds linear colour, premultiplied with alpha, and depth, or the channels that --aovs lists: depth,
+median_depth, normal (in world space), index (which primitive contributes most; -1: none), count (number of
+contributions), dog_share (share of DoG among them).
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    parser.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help=f"{MODEL_HELP}; or Mitsuba scene .xml")
+    parser.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help=f"{MODEL_HELP}; or a Mitsuba scene .xml")
     parser.add_argument(
-        "-o", "--out", type=Path, required=True, metavar="OUT", help=".png; .exr or .npz with alpha, depth"
+        "-o", "--out", type=Path, required=True, metavar="OUT", help=".png; or .exr or .npz, with alpha and depth"
     )
     add_view_flags(parser)
-    parser.add_argument("--aovs", metavar="NAMES", help="channels of an .exr beside colour and alpha (default: depth)")
+    parser.add_argument("--aovs", metavar="NAMES", help="channels of an .exr besides colour and alpha (default: depth)")
     parser.add_argument(
         "--appearance", type=Path, metavar="JSON", help="appearance.json of a run: exposure and vignetting of the view"
     )

@@ -15,30 +15,30 @@ from typing import TextIO
 from ...support.errors import DataError
 from ...support.variants import set_variant
 
-SUMMARY = "pictures for another program, such as Blender, from one process"
+SUMMARY = "make pictures for another program, such as Blender"
 EXAMPLES = """
 Examples:
   dogsplat serve requests.jsonl       a picture for each line of the file
   dogsplat serve --idle 600           for each line of standard input, until none has come for ten minutes
 
-A line is a request, {"out": "frame.npz", "model": "model.ply", "camera": {...}} or {"out": "frame.npz",
-"scene": "scene.json", "samples": 64}; what else may be in it, and the lines that come back, is in
-docs/blender_details.md. It ends with its input.
+Each line is a request: {"out": "frame.npz", "model": "model.ply", "camera": {...}} or {"out": "frame.npz",
+"scene": "scene.json", "samples": 64}. docs/blender_details.md lists what else a request may contain, and the
+lines that come back. The command ends when its input ends.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    what = "requests, one a line (default: standard input)"
+    what = "file of requests, one per line (default: standard input)"
     parser.add_argument("requests", type=Path, nargs="?", metavar="FILE", help=what)
     parser.add_argument("--variant", default="auto", help="Mitsuba variant (default: %(default)s)")
     parser.add_argument(
-        "--idle", type=float, metavar="SECONDS", help="end when no request has come for so long (default: never)"
+        "--idle", type=float, metavar="SECONDS", help="end when no request has come for this long (default: never)"
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Answer requests for pictures, one line of JSON each, on standard output."""
+    """Make the pictures that requests ask for, and answer on standard output; each is one line of JSON."""
     if args.idle is not None and not args.idle > 0:
         raise DataError("--idle", f"is {args.idle:g} seconds", "give more than 0")
     set_variant(args.variant)

@@ -13,21 +13,23 @@ from ...training.config import TrainConfig
 from ..flags import MODEL_HELP, add_settings, given_settings
 from ..printing import simplified_lines, size_line
 
-SUMMARY = "fewer primitives, without photographs"
+SUMMARY = "make a model smaller without photographs"
 EXAMPLES = """
 Examples:
   dogsplat simplify model.ply -o small.ply --target 10%       a tenth of its primitives, in minutes
   dogsplat simplify model.ply -o small.ply --target 20000 --steps 0
-                                                              so many, merged alone: in seconds
+                                                              20,000 primitives, only merged: in seconds
   dogsplat simplify model.ply -o small.ply --target 5% --dog  with Differences of Gaussians
 
-For models without photographs, of any program; with photographs dogsplat prune knows better what matters.
-Cameras are placed around the model, and where there is room inside. They say how much of each primitive is
-seen, and the merged model is fitted to what they see of the old one. PSNR is measured from other places. The
-pictures have a grey background, so that nothing hides in it; --background black or white fits to that alone.
+This works on models of any program and needs no photographs. With photographs, dogsplat prune knows better
+what matters. Cameras are placed around the model, and inside of it where there is room. They tell how
+much of each primitive is seen, and the merged model is fitted to what they see of the old one. PSNR is
+measured from other places. The background is grey, so that no primitive hides in front of it. With
+--background black or white the model is fitted for that one only.
 """
 
-BEHIND = "black, white, auto: grey; random: as auto (default: auto)"  # these renders have no photographs
+# these renders have no photographs
+BEHIND = "colour behind the model: black, white or auto, which is grey; random is the same as auto (default: auto)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Merge primitives that are near and alike until few are left, and fit those to renders of the model."""
+    """Merge primitives that are near and alike until few are left, and fit these to renders of the model."""
     config, options = given_settings(SimplifyConfig, args), given_settings(PictureOptions, args)
     set_variant(args.variant)
     from ...editing.simplify import simplify_model

@@ -17,31 +17,31 @@ from ..pose_search import search_poses
 from ..printing import say
 from ..training_run import run_training
 
-SUMMARY = "photographs to a model"
+SUMMARY = "train a model on photographs or a video"
 PLAIN = "plain images or a video, whose poses are found first"
 EXAMPLES = """
 Examples:
   dogsplat train photos/ -o run                        the full schedule, a tenth of the primitives
   dogsplat train photos/ -o run --steps 7000 --downscale 2 --max-primitives 60000
-                                                       minutes instead of hours, and a bounded size
-  dogsplat train photos/ -o run --target 20000         so many primitives, less those that fade later
+                                                       minutes instead of hours, and fewer primitives
+  dogsplat train photos/ -o run --target 20000         20,000 primitives, less those that fade later
   dogsplat train photos/ -o run --target 2MB --format spz
-                                                       a file of at most so many bytes
+                                                       a file of at most 2 MB
   dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
-  dogsplat train lego/ -o run --background random      another colour at each step: no splats hide in it
+  dogsplat train lego/ -o run --background random      a new colour at each step, so that no splat hides
   dogsplat train photos/ -o run --masks masks/ --appearance
-                                                       people painted out; automatic exposure taken out
+                                                       people are masked, automatic exposure is undone
   dogsplat train photos/ -o run --mask-moved           people who walked by are found and masked first
   dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
   dogsplat train photos/ -o run --scale 0001 0004 0.75
-                                                       two images taken 75 cm apart: the model says its metres
-  dogsplat train pictures/ -o run --downscale 4        images without cameras: their poses first, in run/posed
-  dogsplat train walk.mp4 -o run --downscale 4         a video: its frames and poses first
+                                                       two images taken 75 cm apart: the unit in metres
+  dogsplat train pictures/ -o run --downscale 4        images without cameras: poses first, in run/posed
+  dogsplat train walk.mp4 -o run --downscale 4         a video: frames and poses first
 
 Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
-history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view.
-Ctrl-C saves a checkpoint and stops; the same command with --resume goes on there, also after a crash.
+history.jsonl, config.json, and test/ with a render, the photograph and an error map of each test view.
+Ctrl-C saves a checkpoint and stops. The same command with --resume continues from there, also after a crash.
 """
 
 
@@ -53,19 +53,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mask-moved",
         action="store_true",
-        help="mask what moved, or stood in the way, in single photographs: by a small model, which is trained first "
-        "(RUN/first, RUN/masks)",
+        help="find and mask what moved, or stood in the way, in single photographs; a small model is trained first for "
+        "this (RUN/first, RUN/masks)",
     )
-    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
+    parser.add_argument("--resume", action="store_true", help="continue from the last checkpoint of RUN")
     parser.add_argument(
         "--until-input-ends",
         action="store_true",
-        help="the end of standard input stops it as Ctrl-C does: for a program that starts this one",
+        help="stop, as by Ctrl-C, when standard input ends; for programs that start this one",
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Train a model on photographs and measure it on those held out; poses are found first where there are none."""
+    """Train a model on photographs, and measure it on those held out. If they have no poses, these are found first."""
     from ...report.run_folder import CONFIG
 
     if args.until_input_ends:
@@ -91,7 +91,7 @@ def _posed(config: TrainConfig, run: Path) -> TrainConfig:
     require_input(Path(config.data))
     prepare_folder(run)
     out = run / POSED
-    say(f"{config.data} has no cameras: finding its poses, into {out}")
+    say(f"{config.data} has no cameras: finding poses first, in {out}")
     try:
         search_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
     finally:

@@ -18,6 +18,6 @@ def not_faded(opacities: np.ndarray) -> np.ndarray:
     """Rows of those whose opacity, of [N], is large enough to be drawn. Raises ``DataError`` if there are none."""
     seen = np.flatnonzero(opacities >= Cutoffs().alpha)
     if not len(seen):
-        problem = "every primitive has faded, and nothing is left that a picture would show"
+        problem = "every primitive has faded, so that no picture would show anything"
         raise DataError("the model in training", problem, "check that its images show more than the background")
     return seen
