@@ -24,23 +24,24 @@ def search_masks(config: TrainConfig, run: Path, resume: bool) -> TrainConfig:
     from ..masking.first_model import settings_of_first
     from ..masking.make import make_masks, require_new
     from ..report.run_folder import CONFIG, FIRST, MASKED, MASKS, METRICS, MODEL
-    from ..runs.run import prepare_folder, train
+    from ..runs.run import prepared, train
     from .progress import Bar
 
-    prepare_folder(run)
     first, masks = run / FIRST, run / MASKS
-    begun = (first / CONFIG).exists()
-    if not (resume and begun and masks.is_dir()):
-        require_new(masks)  # of an earlier training, perhaps on other photographs, or painted by hand
-        small = settings_of_first(config)
-        if not (resume and (first / METRICS).exists()):
-            say(f"first training a small model in {first}, which shows what the photographs have in common")
-            with shown_training(small.steps, small.split) as show:
-                train(small, first, show, resume=resume and begun)
-        say(f"finding what moved; masks go to {masks}")
-        options = PictureOptions(small.downscale, small.background, white=small.white)
-        given = MasksConfig(masks=config.masks)
-        with Bar("photograph") as bar:
-            found = make_masks(first / MODEL, small.data, masks, given, run / MASKED, options, bar.show, small.split)
-        say("\n".join(masks_lines(masks, found)))
+    with prepared(run):
+        begun = (first / CONFIG).exists()
+        if not (resume and begun and masks.is_dir()):
+            require_new(masks)  # of an earlier training, perhaps on other photographs, or painted by hand
+            small = settings_of_first(config)
+            if not (resume and (first / METRICS).exists()):
+                say(f"first training a small model in {first}, which shows what the photographs have in common")
+                with shown_training(small.steps, small.split) as show:
+                    train(small, first, show, resume=resume and begun)
+            say(f"finding what moved; masks go to {masks}")
+            options = PictureOptions(small.downscale, small.background, white=small.white)
+            given = MasksConfig(masks=config.masks)
+            with Bar("photograph") as bar:
+                written = masks, given, run / MASKED
+                found = make_masks(first / MODEL, small.data, *written, options, bar.show, small.split)
+            say("\n".join(masks_lines(masks, found)))
     return replace(config, masks=str(masks))

@@ -30,7 +30,8 @@ def describe_scene(path: Path) -> list[str]:
         model = shape.to_splats()
         what = f"{counted(model.n_splats, 'primitive')}, {kinds_of(model)}, SH degree {sh_degrees(model)}"
         lines += [line("splats", f"{shape.source}: {what}")]
-        lines += [line("drawn", drawn(shape.drawing))] if shape.drawing.said() else []
+        how = integrator.drawing.over(shape.drawing) if ours else shape.drawing
+        lines += [line("drawn", drawn(how))] if how.said() else []
     lines += [
         line("other shapes", f"{count(others)}, {count(lamps)} of them emit light" if others else "none"),
         line("around", "nothing, which is black" if around is None else around.class_name()),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from ..datasets import camera_extent, load_dataset
@@ -20,7 +20,7 @@ from ..support.errors import DataError
 from ..support.files import parse_json, remove_parts, write_json
 from ..support.locks import locked
 from ..support.variants import require_arrays
-from .run import prepare_folder
+from .run import prepared
 
 
 def evaluate_model(
@@ -81,22 +81,17 @@ def evaluate_model(
 def _whole_or_not_at_all(folder: Path, views: Sequence[View]) -> Iterator[None]:
     """The folder is ours alone, without the pictures of an earlier measurement. What is raised here, Ctrl-C too, leaves
     nothing of the views there, and no metrics of before; after a kill the metrics are empty."""
-    prepare_folder(folder)
-    try:
-        with locked(folder, "another process is measuring into it"):
-            remove_parts(folder)
-            try:
-                earlier = _measured_before(folder)
-                write_json(folder / METRICS, {})  # by which the folder is known, without what was measured before
-                _remove_pictures(folder, earlier)
-                yield
-            except BaseException:
-                (folder / METRICS).unlink(missing_ok=True)
-                _remove_pictures(folder, [view.name for view in views])
-                raise
-    finally:
-        with suppress(OSError):  # where something is left
-            folder.rmdir()
+    with prepared(folder), locked(folder, "another process is measuring into it"):
+        remove_parts(folder)
+        try:
+            earlier = _measured_before(folder)
+            write_json(folder / METRICS, {})  # by which the folder is known, without what was measured before
+            _remove_pictures(folder, earlier)
+            yield
+        except BaseException:
+            (folder / METRICS).unlink(missing_ok=True)
+            _remove_pictures(folder, [view.name for view in views])
+            raise
 
 
 def _measured_before(folder: Path) -> list[str]:

@@ -6,7 +6,7 @@ import dataclasses
 import errno
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,17 @@ def prepare_folder(out: Path) -> None:
         if out.is_dir() and not is_empty(out) and not ours:
             raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
         out.mkdir(parents=True, exist_ok=True)
+
+
+@contextmanager
+def prepared(out: Path) -> Iterator[None]:
+    """``prepare_folder``, which is gone again if nothing is left in it at the end. Raises ``DataError``."""
+    prepare_folder(out)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # where something is left
+            out.rmdir()
 
 
 @contextmanager

@@ -49,11 +49,20 @@ def interruptible() -> Iterator[None]:
     try:
         yield
     except (RuntimeError, SystemError) as error:
-        cause: BaseException | None = error
-        while cause := cause.__cause__ or cause.__context__:
-            if isinstance(cause, KeyboardInterrupt):
-                raise KeyboardInterrupt from error
+        if any(isinstance(each, KeyboardInterrupt) for each in _behind(error)):
+            raise KeyboardInterrupt from error
         raise
+
+
+def _behind(error: BaseException) -> list[BaseException]:
+    """An error, and once each what it came from or was raised beside: Dr.Jit, where it wraps, closes circles."""
+    found, ahead = [], [error]
+    while ahead:
+        each = ahead.pop()
+        if not any(each is known for known in found):
+            found.append(each)
+            ahead += [other for other in (each.__context__, each.__cause__) if other is not None]
+    return found
 
 
 class _OnItsWay(Exception):
@@ -113,8 +122,12 @@ def _require_target(folder: Path) -> None:
 
 def gist(error: BaseException) -> str:
     """What went wrong first, in Mitsuba's words but without the Python traceback that it quotes."""
-    while error.__cause__ or error.__context__:  # Dr.Jit wraps errors of a render in "see above"
-        error = error.__cause__ or error.__context__ or error
+    known = []
+    while cause := error.__cause__ or error.__context__:  # Dr.Jit wraps errors of a render in "see above"
+        known.append(error)
+        if any(cause is each for each in known):  # ... and may close a circle
+            break
+        error = cause
     lines = str(error).strip().splitlines() or [type(error).__name__]
     traceback = next((i for i, line in enumerate(lines) if "Traceback (most recent call last)" in line), None)
     if traceback is None:

@@ -34,6 +34,12 @@ def masked_in(path) -> np.ndarray:
         return np.asarray(image) < 128
 
 
+def test_what_the_small_model_refuses_leaves_no_folder(capsys, data, tmp_path):
+    status, _, error = run(capsys, "train", data, "-o", tmp_path / "run", *FLAGS, "--mask-moved", "--white", 2)
+    assert status == 2 and "--white" in error
+    assert not (tmp_path / "run").exists()
+
+
 def test_one_command_masks_what_moved_and_trains(capsys, data, tmp_path):
     out = tmp_path / "run"
     status, said, _ = run(capsys, "train", data, "-o", out, *FLAGS, "--mask-moved")

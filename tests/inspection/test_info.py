@@ -283,6 +283,13 @@ def test_a_scene_of_splats_is_described_as_one(tmp_path, integrator, last):
     assert value_of(lines, "sensors") == "16x12"
 
 
+def test_what_the_integrator_says_of_drawing_comes_before_what_the_file_says(tmp_path):
+    write_model(tmp_path / "m.ply", Model(tiny_data.truth(), Drawing(near_clip=0.5, scale=2.0)))
+    own = '"dogpath"><float name="near_clip" value="0.125"/><boolean name="antialiased" value="true"/></integrator>'
+    (tmp_path / "s.xml").write_text(SCENE_OF_SPLATS.replace('"INTEGRATOR"/>', own))
+    assert value_of(describe(tmp_path / "s.xml"), "drawn") == "antialiased, near clip 0.125, scale 2"
+
+
 # --- what it is not ---
 
 

@@ -121,7 +121,7 @@ def test_where_validation_views_come_from_is_told_for_data_that_have_some_and_th
     config = json.loads((run / "config.json").read_text())
     (run / "config.json").write_text(json.dumps(config | {"split": split}))
     views = section(parsed(text_of(write_report(run))), f"{split.capitalize()} views")
-    said = "They are those that the data have for that, or else every 8th training view: the test views were not read."
+    said = "They are the validation views of the data, or else every 8th training view: the test views were not read."
     assert views is not None and (said in " ".join(words(views).split())) == (split == "validation")
 
 

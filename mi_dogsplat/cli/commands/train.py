@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -84,17 +83,13 @@ def _posed(config: TrainConfig, run: Path) -> TrainConfig:
     """The settings for data with poses: those given, or what is made of plain images or a video in the run's folder."""
     from ...poses.input import needs_poses, require_input
     from ...report.run_folder import POSED
-    from ...runs.run import prepare_folder
+    from ...runs.run import prepared
 
     if not needs_poses(config.data):
         return config
     require_input(Path(config.data))
-    prepare_folder(run)
     out = run / POSED
-    say(f"{config.data} has no cameras: finding poses first, in {out}")
-    try:
+    with prepared(run):
+        say(f"{config.data} has no cameras: finding poses first, in {out}")
         search_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
-    finally:
-        with suppress(OSError):  # where something is left
-            run.rmdir()
     return replace(config, data=str(out), masks=str(out / "masks") if (out / "masks").is_dir() else None)
