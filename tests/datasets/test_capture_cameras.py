@@ -203,7 +203,7 @@ def test_a_listed_camera_that_cannot_be_used_is_named(tmp_path, change, problem)
 
 
 @pytest.mark.parametrize(
-    ("content", "problem"), [("[]", "no list"), ("{}", "no list"), ("[1", "line 1"), (None, "cannot be read")]
+    ("content", "problem"), [("[]", "not a list"), ("{}", "not a list"), ("[1", "line 1"), (None, "cannot be read")]
 )
 def test_a_file_that_lists_no_cameras_is_named(tmp_path, content, problem):
     file = tmp_path / "cameras.json"

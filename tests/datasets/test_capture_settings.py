@@ -49,4 +49,4 @@ def test_tests_are_spread_evenly_and_training_keeps_a_view(tmp_path):
     names = [view.name for view in load_dataset(capture(scene, tmp_path / "b", config)).test]
     assert names == ["s02", "s08", "s14"]
     config = CaptureConfig(path="sensors", test=17)
-    assert "--test: of 17 views none is left" in error_of(scene, tmp_path / "c", config)
+    assert "--test: no training view is left of 17 views" in error_of(scene, tmp_path / "c", config)
