@@ -19,6 +19,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...engine.arrays import detached
 from ...engine.device_camera import DeviceCamera
 from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
@@ -57,8 +58,8 @@ def fisher(params: dict, views: TrainingViews) -> np.ndarray:
     """[N, 6, 6] H of each primitive, by (mean, log scales)."""
     params = dr.detach(params)
     total = np.zeros((dr.width(params["logit_opacities"]), 6, 6))
-    for camera in views.cameras:
-        sums = _products(params, camera, views.options, views.background)  # [COLUMNS, N]
+    for k, camera in enumerate(views.cameras):
+        sums = _products(params, views, k)  # [COLUMNS, N]
         seen = np.flatnonzero(sums[-1] > 0)
         jacobian = _jacobian(params, camera, views.options)[seen]
         A, B = np.split(jacobian, [SHAPE], axis=1)  # [n, 5, 6] shape, [n, 3, 6] color
@@ -73,10 +74,12 @@ def fisher(params: dict, views: TrainingViews) -> np.ndarray:
     return total
 
 
-def _products(params: dict, camera: DeviceCamera, options: RasterOptions, background: float) -> np.ndarray:
-    """[COLUMNS, N] float64, what ``composite_fisher`` adds up for a view."""
-    pictured, patches = prepare_both(params, camera, options, patch_blocks())
-    columns = composite_fisher(patches, composite_over(pictured, background))
+def _products(params: dict, views: TrainingViews, k: int) -> np.ndarray:
+    """[COLUMNS, N] float64, what ``composite_fisher`` adds up for view ``k``."""
+    pictured, patches = prepare_both(params, views.cameras[k], views.options, patch_blocks())
+    mask = views.mask(k)
+    counted = None if mask is None else detached(device_array(mask))
+    columns = composite_fisher(patches, composite_over(pictured, views.background), counted)
     return np.stack([column.numpy() for column in columns]).astype(np.float64)
 
 

@@ -34,25 +34,27 @@ def patch_blocks() -> Blocks:
     return replace(Blocks.of_backend(), width=4, height=4)
 
 
-def composite_fisher(view: WalkableView, image: list) -> list:
+def composite_fisher(view: WalkableView, image: list, mask=None) -> list:
     """Sums over the patches of a view: Σ_c g_c[i] g_c[j] for ``PAIRS``, then s g_c[i] by channel, then s²; [N] each.
 
     Args:
         view: made with ``patch_blocks``.
         image: the 3 planes of the view [H*W], background included.
+        mask: [H*W] 1 where a pixel counts, else 0; None: all do.
     """
     in_turn = lanes_add_in_turn(mi.variant())
 
     def walk(band: PreparedView, above: list) -> list:
-        return columns_of(_composite_fisher(band, image, in_turn, above), band.lists, COLUMNS)
+        return columns_of(_composite_fisher(band, image, mask, in_turn, above), band.lists, COLUMNS)
 
     return view.walked(walk, [])
 
 
 @frozen
-def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: list) -> list:
+def _composite_fisher(view: PreparedView, image: list, mask, in_turn: bool, above: list) -> list:
     walk, rows = Walk(view), SlotRows(view.lists, COLUMNS, in_turn)
     Float = walk.types.Float
+    counted = None if mask is None else walk.pixels.read(mask)
 
     def step(meeting: Meeting, T: list, behind: list) -> None:
         slot, colors, kernel = walk.slot(meeting), walk.features(meeting), meeting.row.kernel
@@ -65,9 +67,10 @@ def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: lis
             weight, T_behind, goes_on = walk.advance(a, T[k], meeting, k)
             blended = goes_on & (a != 0)
             weight = dr.select(blended, weight, 0)
-            s = s + weight
+            s = s + (weight if counted is None else weight * counted[k])
             u, v = dr.fma(ux, x, uy * y), vy * y
             slope = dr.select(blended & (primary < MAX_ALPHA), LN2 * primary, 0)  # ∂α/∂p
+            slope = slope if counted is None else slope * counted[k]
             by_shape = [2 * u * ux, 2 * dr.fma(u, uy, v * vy), -2 * u * x, -2 * u * y, -2 * v * y]  # ∂p
             for c in range(3):
                 behind[c][k] = dr.fma(-weight, colors[c][k], behind[c][k])
