@@ -27,7 +27,7 @@ from ...engine.project import project
 from ...engine.view import prepare_both
 from ...engine.walks.composite import composite_over
 from ...engine.walks.fisher import COLUMNS, PAIRS, SHAPE, composite_fisher, patch_blocks
-from ...scores.training_views import TrainingViews
+from ...scores.training_views import TrainingViews, mean_slope
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
 
@@ -75,11 +75,17 @@ def fisher(params: dict, views: TrainingViews) -> np.ndarray:
 
 
 def _products(params: dict, views: TrainingViews, k: int) -> np.ndarray:
-    """[COLUMNS, N] float64, what ``composite_fisher`` adds up for view ``k``."""
-    pictured, patches = prepare_both(params, views.cameras[k], views.options, patch_blocks())
-    mask = views.mask(k)
-    counted = None if mask is None else detached(device_array(mask))
-    columns = composite_fisher(patches, composite_over(pictured, views.background), counted)
+    """[COLUMNS, N] float64, what ``composite_fisher`` adds up for view ``k``.
+
+    Seen through a tone curve, derivatives count times its slope, the mean over the channels of a pixel.
+    """
+    camera, mask = views.cameras[k], views.mask(k)
+    pictured, patches = prepare_both(params, camera, views.options, patch_blocks())
+    image = composite_over(pictured, views.background)
+    if views.curve:
+        slope = mean_slope(views.curve, image).reshape(camera.height, camera.width)
+        mask = slope if mask is None else slope * mask
+    columns = composite_fisher(patches, image, None if mask is None else detached(device_array(mask)))
     return np.stack([column.numpy() for column in columns]).astype(np.float64)
 
 

@@ -40,7 +40,7 @@ def composite_fisher(view: WalkableView, image: list, mask=None) -> list:
     Args:
         view: made with ``patch_blocks``.
         image: the 3 planes of the view [H*W], background included.
-        mask: [H*W] 1 where a pixel counts, else 0; None: all do.
+        mask: [H*W] 1 where a pixel counts, else 0, or by how much its derivatives count; None: all do.
     """
     in_turn = lanes_add_in_turn(mi.variant())
 

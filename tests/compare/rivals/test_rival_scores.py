@@ -13,7 +13,10 @@ from mi_dogsplat.compare.rivals.radsplat import LargestWeight
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.reference import score as reference_score
+from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scores.training_views import TrainingViews
+from mi_dogsplat.support.srgb import linear_to_srgb_log
+from mi_dogsplat.training.images.tone_curve import SrgbLog
 from splat_scenes import SMOOTH_OPTIONS, make_camera, make_splats, options, random_splats, rounded, tilted_camera
 
 CAMERAS = [tilted_camera(45, 37), make_camera(20, 33, f=25.0)]
@@ -73,7 +76,7 @@ def test_mini_splatting_draws_in_proportion_to_importance_and_never_what_has_non
     assert all(0 not in pair for pair in pairs)
 
 
-def brute_force_fisher(splats, cameras, background: float, masks, eps=1e-5) -> np.ndarray:
+def brute_force_fisher(splats, cameras, background: float, masks, eps=1e-5, curve=np.asarray) -> np.ndarray:
     """Central differences of whole pictures by each mean and log scale; sums of patches; products."""
     names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales")
     raw: dict[str, Any] = {name: np.array(getattr(splats, name), np.float64) for name in names}
@@ -84,6 +87,7 @@ def brute_force_fisher(splats, cameras, background: float, masks, eps=1e-5) -> n
 
         def patch_sums(rows=rows, columns=columns, camera=camera, mask=mask) -> np.ndarray:
             image = reference.render(SimpleNamespace(**raw), camera, [background] * 3, smooth=True)[0]  # type: ignore
+            image = curve(image)
             padded = np.zeros((4 * rows, 4 * columns, 3))
             padded[: camera.height, : camera.width] = image if mask is None else image * mask[..., None]
             return padded.reshape(rows, 4, columns, 4, 3).sum((1, 3)).ravel()
@@ -125,6 +129,19 @@ def test_pup_is_the_log_determinant_of_squared_derivatives_of_patches(background
     sound = least > 1e-5  # else float32 cannot tell
     assert sound.sum() >= 3 and np.isfinite(scores).all()
     np.testing.assert_allclose(scores[sound], log_det[sound], atol=0.1)
+
+
+def test_pup_of_linear_pictures_is_that_of_what_the_loss_sees_of_them():
+    splats = rounded(random_splats(8, seed=3, degree=1, dog_share=0))
+    grey = splats.sh_coeffs[..., :1] + np.float32(5 / C0) * (np.arange(4) == 0)[:, None]
+    splats.sh_coeffs[:] = grey * np.geomspace(0.02, 1, 8)[:, None, None]  # the slope of the curve is the same of all
+    camera = tilted_camera(22, 17)
+    expected = brute_force_fisher(splats, [camera], 0.5, [None], curve=linear_to_srgb_log)
+    options_of = options(splats, **SMOOTH_OPTIONS)
+    views = TrainingViews([DeviceCamera.upload(camera)], options_of, 0.5, curve=SrgbLog())
+    scale = np.sqrt(np.einsum("nii->ni", expected))
+    error = np.abs(fisher(upload(splats), views) - expected) / np.maximum(scale[:, :, None] * scale[:, None, :], 1e-6)
+    assert (scale > 1e-3).all(1).sum() >= 4 and error.max() < 2e-3, error.max((1, 2))
 
 
 def test_pup_puts_what_no_view_shows_last():
