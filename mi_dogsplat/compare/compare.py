@@ -13,14 +13,17 @@ What is complete is not repeated, and what was cut off goes on from its checkpoi
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
 from numbers import Integral
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..datasets import load_dataset
+from ..datasets.dataset import View
 from ..datasets.masks import Masks, all_black
 from ..report.run_folder import CONFIG
 from ..support.cores import usable_cores
@@ -30,6 +33,7 @@ from ..support.locks import locked
 from ..support.wording import counted
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
+from .crops import MaskOf
 from .execute import Means, one_after_another
 from .folders import REMEDY, VIEWS, settings_in
 from .methods import METHODS
@@ -72,8 +76,8 @@ def compare(
     out = Path(out)
     folders = [out / name for name in _names(data)]
     _check_folder(out)
-    views = []
-    for path in data:
+    views, masks_of = [], {}  # of the data sets
+    for folder, path in zip(folders, data, strict=True):
         dataset = load_dataset(path, config.downscale, split=config.split)
         if not dataset.test:
             raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
@@ -81,6 +85,7 @@ def compare(
             found = Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
             if all(mask is not None and not mask.any() for mask in map(found.of, dataset.test)):
                 raise all_black(config.masks, "view that is measured")
+            masks_of[folder.name] = _by_name(found, dataset.test)
         views.append({part: [view.name for view in getattr(dataset, part)] for part in ("train", "test")})
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
@@ -94,7 +99,7 @@ def compare(
         whole = [int(seed) for seed in seeds]  # those of NumPy are in no JSON
         tasks = [task for task in all_tasks(folders, whole, methods, targets) if not task.done]
         failed: dict[str, str] = {}
-        _write(out, failed)
+        _write(out, failed, masks_of)
         threads = max(1, usable_cores() // workers) if workers and not cluster else 0
         means = Means(config.variant, threads, {name: getattr(config, name) for name in FREE})
         outcomes = on_cluster(tasks, means, client) if on_dask else one_after_another(tasks, means)
@@ -102,9 +107,15 @@ def compare(
             for number, outcome in enumerate(outcomes, 1):
                 if outcome.error:
                     failed[outcome.task.name] = outcome.error
-                _write(out, failed)
+                _write(out, failed, masks_of)
                 progress(f"{number}/{len(tasks)} {outcome.task.name}: {_result(outcome.task, outcome.error)}")
     return collect_all(out, failed)
+
+
+def _by_name(masks: Masks, views: Sequence[View]) -> MaskOf:
+    """Masks of the views by their names; they hold no images."""
+    known = {view.name: replace(view, stored=np.zeros(0)) for view in views}
+    return lambda name: masks.of(known[name]) if name in known else None
 
 
 def _check_arguments(
@@ -199,12 +210,12 @@ def _has_starts_alone(out: Path) -> bool:
     return all(path.name == "start" and path.with_suffix(".npz").exists() for path in folders)
 
 
-def _write(out: Path, failed: dict[str, str]) -> None:
+def _write(out: Path, failed: dict[str, str], masks: Mapping[str, MaskOf]) -> None:
     """The tables and the page, of all runs that are there now."""
     table = collect_all(out, failed)
     write_tables(out, table)
     with replacing(out / "comparison.html") as part:
-        part.write_text(comparison_page(out, table), encoding="utf-8")
+        part.write_text(comparison_page(out, table, masks), encoding="utf-8")
 
 
 def _result(task: Task, error: str | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from markupsafe import Markup
 from ..report.page import TEMPLATES
 from ..report.plot import Series, line_plot
 from ..report.points import Note
-from .crops import crops
+from .crops import MaskOf, crops
 from .methods import GROUPS, METHODS
 from .nearest import tables_of_equals
 from .overview import overview
@@ -29,8 +30,13 @@ COLORS = {group: (color + 1) % len(GROUPS) for color, group in enumerate(GROUPS)
 COLOR_OF = {name: COLORS[group] for group, names in GROUPS.items() for name in names}
 
 
-def comparison_page(out: Path, table: dict[str, Any]) -> str:
-    """HTML of what ``collect_all`` found in the folder ``out``."""
+def comparison_page(out: Path, table: dict[str, Any], masks: Mapping[str, MaskOf] | None = None) -> str:
+    """HTML of what ``collect_all`` found in the folder ``out``.
+
+    Args:
+        masks: of the views that are measured, by data set; those of others count whole.
+    """
+    masks = masks or {}
     methods = [(METHODS[name], row["label"]) for name, row in table["methods"].items()]
     return TEMPLATES.get_template("compare/templates/comparison.html").render(
         name=out.resolve().name,
@@ -38,11 +44,11 @@ def comparison_page(out: Path, table: dict[str, Any]) -> str:
         from_the_first_step="; ".join(label for method, label in methods if not method.from_the_start),
         longer="; ".join(label for method, label in methods if method.length != 1),
         methods=table["methods"].values(),
-        sections=[_section(out / data, table, data) for data in data_sets(table)],
+        sections=[_section(out / data, table, data, masks.get(data)) for data in data_sets(table)],
     )
 
 
-def _section(folder: Path, table: dict[str, Any], data: str) -> dict[str, Any]:
+def _section(folder: Path, table: dict[str, Any], data: str, mask_of: MaskOf | None) -> dict[str, Any]:
     """What the page says of a data set; their mean has no folder, so neither pictures nor ways."""
     rows = {name: row | row["data"][data] for name, row in table["methods"].items() if data in row["data"]}
     trained = data in table["config"]
@@ -55,7 +61,7 @@ def _section(folder: Path, table: dict[str, Any], data: str) -> dict[str, Any]:
         "points": _points(rows, measured),
         "measured": measured,
         "preconditioned": trained and table["config"][data].get("preconditioned", False),
-        "crops": crops(folder, rows) if trained else None,
+        "crops": crops(folder, rows, mask_of) if trained else None,
         "ways": ways(folder, rows) if trained else None,
         "overview": overview(folder, rows, COLOR_OF, measured) if trained else None,
         "pairs": table_of_pairs(folder, rows) if trained else None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -15,11 +15,12 @@ from ..engine.parameters import device_array
 from ..engine.view import prepare
 from ..engine.walks.aovs import composite_aovs
 from ..engine.walks.weights import composite_weights
+from .training_views import whole
 
 
 @dataclass
 class Weights:
-    """Over all views and the pixels in which a primitive is blended, [N] float64 each."""
+    """Over all views and the pixels that count in which a primitive is blended, [N] float64 each."""
 
     total: np.ndarray  # Σ α T
     transmittance: np.ndarray  # Σ T
@@ -30,7 +31,11 @@ class Weights:
 
 
 def weights(
-    params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, planes: Sequence[np.ndarray] | None = None
+    params: dict,
+    cameras: Sequence[DeviceCamera],
+    options: RasterOptions,
+    planes: Sequence[np.ndarray] | None = None,
+    mask: Callable[[int], np.ndarray | None] = whole,
 ) -> Weights:
     """Walk through all views.
 
@@ -38,6 +43,7 @@ def weights(
         params: as in ``rasterize``.
         cameras: the views.
         planes: e of each view, [H, W]; None: 1 everywhere.
+        mask: of a view by its place among the cameras, as ``TrainingViews`` has it.
     """
     n = dr.width(params["logit_opacities"])
     params = dr.detach(params)
@@ -46,10 +52,13 @@ def weights(
     for k, camera in enumerate(cameras if n else []):
         view = prepare(params, camera, options)
         plane = np.ones((camera.height, camera.width)) if planes is None else planes[k]
-        columns, largest_bits = composite_weights(view, detached(device_array(plane)))
+        counts = mask(k)
+        on_device = None if counts is None else detached(device_array(counts))
+        columns, largest_bits = composite_weights(view, detached(device_array(plane)), on_device)
         sums += np.stack([column.numpy() for column in columns])
         largest = np.maximum(largest, largest_bits.numpy().view(np.float32))
         index = composite_aovs(view, ("index",))[0].numpy()
-        dominates[index[index >= 0].astype(np.int64)] = True
+        of_pixels = index if counts is None else index[np.ravel(counts) > 0]
+        dominates[of_pixels[of_pixels >= 0].astype(np.int64)] = True
     total, transmittance, pixels, weighted = sums
     return Weights(total, transmittance, pixels, weighted, largest, dominates)

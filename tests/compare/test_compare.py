@@ -94,6 +94,22 @@ def test_data_and_masks_are_the_same_from_another_working_folder(data, tmp_path,
     assert (settings["data"], settings["masks"]) == (str(data.resolve()), str((tmp_path / "masks").resolve()))
 
 
+def test_the_page_gets_the_masks_of_the_views_that_are_measured(data, tmp_path, monkeypatch):
+    (tmp_path / "masks").mkdir()
+    dataset = load_dataset(data, 1)
+    view, grey = dataset.test[0], np.zeros((HEIGHT, WIDTH), np.uint8)
+    grey[:, WIDTH // 3 :] = 255
+    for named in (view, dataset.train[0]):
+        Image.fromarray(grey).save(tmp_path / "masks" / f"{named.name}.png")
+    given = {}
+    monkeypatch.setattr("mi_dogsplat.compare.compare.all_tasks", lambda *_: [])
+    page = "mi_dogsplat.compare.compare.comparison_page"
+    monkeypatch.setattr(page, lambda out, table, masks: given.update(masks) or "")
+    compare(TrainConfig("", **SETTINGS, masks=str(tmp_path / "masks")), [str(data)], tmp_path / "out", [0], ["3dgs"])
+    np.testing.assert_array_equal(given["tiny"](view.name), grey > 0)
+    assert given["tiny"]("of an earlier run") is None
+
+
 def test_masks_that_leave_nothing_to_compare_are_told_before_any_training(data, tmp_path):
     (tmp_path / "masks").mkdir()
     (view,) = load_dataset(data, 1).test
@@ -169,6 +185,13 @@ def test_the_page_says_that_all_methods_took_preconditioned_steps(comparison):
     config = {"tiny": table["config"]["tiny"] | {"preconditioned": True}}
     said = "All methods take preconditioned steps"
     assert said in words(parsed(comparison_page(out, table | {"config": config})))
+    assert said not in words(parsed(comparison_page(out, table)))
+
+
+def test_the_page_says_that_pixels_do_not_count_where_masks_leave_some_out(comparison):
+    out, table, _ = comparison
+    said, mask = "Pixels that its mask leaves out do not count.", np.ones((HEIGHT, WIDTH))
+    assert said in words(parsed(comparison_page(out, table, {"tiny": lambda _: mask})))
     assert said not in words(parsed(comparison_page(out, table)))
 
 

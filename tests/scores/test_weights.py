@@ -56,6 +56,30 @@ def test_sums_largest_and_dominance_equal_brute_force(dog_share, cut_shares, ant
     np.testing.assert_array_equal(got.dominates, dominates)
 
 
+def test_pixels_that_masks_leave_out_count_for_nothing():
+    splats = rounded(random_splats(60, 4, 1, 0.5))
+    rng = np.random.default_rng(1)
+    masks = [None, (rng.uniform(size=(33, 20)) > 0.7).astype(np.float32)]
+    planes = [rng.uniform(size=(camera.height, camera.width)) for camera in CAMERAS]
+    got = weights(upload(splats), on_device(), options(splats), planes, masks.__getitem__)
+    views = [reference_score.weights(splats, camera) for camera in CAMERAS]
+    (w, T, e), (v, U, f) = ((*view, plane) for view, plane in zip(views, planes, strict=True))
+    counts = masks[1] > 0
+    v, U, f = v[:, counts], U[:, counts], f[counts]  # [N, pixels]
+
+    def assert_close(a, b):
+        np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-5)
+
+    assert_close(got.total, w.sum((1, 2)) + v.sum(1))
+    assert_close(got.transmittance, T.sum((1, 2)) + U.sum(1))
+    np.testing.assert_allclose(got.pixels, (T > 0).sum((1, 2)) + (U > 0).sum(1), atol=2)
+    assert_close(got.largest, np.maximum(w.max((1, 2)), v.max(1)).clip(0))
+    assert_close(got.weighted, (e * w).sum((1, 2)) + (f * v).sum(1))
+    dominates = np.zeros(60, bool)
+    dominates[w.argmax(0)[w.max(0) > 0]] = dominates[v.argmax(0)[v.max(0) > 0]] = True
+    np.testing.assert_array_equal(got.dominates, dominates)
+
+
 def test_what_no_view_shows_weighs_nothing_and_parameters_are_left_alone():
     params = attached(rounded(make_splats([[0, 0, -2], [50, 0, 2], [0, 0, 3]], 0.2, 0.5)))
     got = weights(params, on_device([make_camera()]), RasterOptions(sh_degree=0))

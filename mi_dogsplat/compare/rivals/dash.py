@@ -4,7 +4,8 @@ Resolution: X(r), the share of the amplitude of the photographs' spectra that pi
 window of frequencies below 1/r of the highest). Densification begins at the largest r, at most 8, at which no
 photograph keeps less than a quarter of its amplitude, X_0 there; after the part p of the steps that densify r is the
 one with X(r) = X_0^(1 - p), so that the logarithm of X rises evenly, rounded down. Pictures are box-averaged like those
-of --downscale. Position steps begin to fall when r does below 2.
+of --downscale. Position steps begin to fall when r does below 2. Of linear pictures the spectra are of what the loss
+sees.
 
 Primitives: N = N_0 + (N_max - N_0) / r^(2 - i/S) after step i of the S that densify, those with the largest gradients
 first, and never a fifth more at once. The paper sets N_max by momentum from what would densify; here it is the budget.
@@ -129,7 +130,10 @@ class SmallPictures(Strategy[Shown]):
         return SmallPictures(scaled_milestone(self.stop, factor), self.holds)
 
     def new_state(self, t: Training) -> Shown:
-        spectra = Spectra.of([view.image[..., :3] for view in t.photographs.originals])
+        images = [view.image for view in t.photographs.originals]
+        if t.photographs.curve:  # of radiance a single lamp would have most of the amplitude, at all frequencies
+            images = [t.photographs.as_seen(image) for image in images]
+        spectra = Spectra.of([image[..., :3] for image in images])
         return Shown(spectra.start, spectra.shares)
 
     def before_step(self, t: Training, state: Shown) -> None:

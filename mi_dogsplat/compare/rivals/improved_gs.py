@@ -26,7 +26,7 @@ from ...training.strategy.strategy import Strategy, Training
 from .growth import START_SHARE, best, opacities, progress
 from .long_axis import LongAxisHalves
 from .mini_splatting import sampling_keys
-from .taming import edges
+from .taming import edges, from_0_to_1
 
 DEVIATIONS_OF_BOTH = (
     "gradients of the centres are sums over pixels (the code sums their magnitudes), and have no threshold, so only "
@@ -45,8 +45,10 @@ def edge_scores(t: Training) -> np.ndarray:
     chosen = t.rng.permutation(len(t.photographs))[:VIEWS]
     for k in chosen:
         view, camera = t.photographs.views[int(k)], t.photographs.cameras[int(k)]
-        e = edges(photograph(view, t.photographs.background))
-        found = weights(t.optimizer.params, [camera], t.options, [(e - e.min()) / max(float(np.ptp(e)), 1e-12)])
+        photographed = edges(photograph(view, t.photographs.background))
+        mask = t.photographs.shown_mask(int(k))
+        e = from_0_to_1(photographed, mask)
+        found = weights(t.optimizer.params, [camera], t.options, [e], [mask].__getitem__)
         if (found.weighted > 0).any():
             total += found.weighted / found.weighted[found.weighted > 0].mean() / len(chosen)
     return total

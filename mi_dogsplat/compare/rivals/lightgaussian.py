@@ -34,7 +34,7 @@ class GlobalSignificance:
     def __call__(self, params: dict, views: TrainingViews, seed: int) -> np.ndarray:
         opacity = sigmoid(params["logit_opacities"].numpy().astype(np.float64))  # [N]
         log_volume = params["log_scales"].numpy().reshape(-1, 3).sum(1, dtype=np.float64)  # [N]
-        transmittance = weights(params, views.cameras, views.options).transmittance
+        transmittance = weights(params, views.cameras, views.options, mask=views.mask).transmittance
         return opacity * transmittance * np.exp(self.volume_power * log_volume)
 
 

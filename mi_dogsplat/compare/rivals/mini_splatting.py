@@ -33,7 +33,7 @@ class SummedWeight:
     """Σ α T, or 0 without a pixel of its own."""
 
     def __call__(self, params: dict, views: TrainingViews, seed: int) -> np.ndarray:
-        found = weights(params, views.cameras, views.options)
+        found = weights(params, views.cameras, views.options, mask=views.mask)
         return np.where(found.dominates, found.total, 0)
 
 

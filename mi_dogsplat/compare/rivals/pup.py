@@ -19,6 +19,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...engine.arrays import detached
 from ...engine.device_camera import DeviceCamera
 from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
@@ -26,7 +27,7 @@ from ...engine.project import project
 from ...engine.view import prepare_both
 from ...engine.walks.composite import composite_over
 from ...engine.walks.fisher import COLUMNS, PAIRS, SHAPE, composite_fisher, patch_blocks
-from ...scores.training_views import TrainingViews
+from ...scores.training_views import TrainingViews, mean_slope
 from ...training.recipe import Recipe
 from ...training.strategy.scheduler import PruningRule
 
@@ -57,8 +58,8 @@ def fisher(params: dict, views: TrainingViews) -> np.ndarray:
     """[N, 6, 6] H of each primitive, by (mean, log scales)."""
     params = dr.detach(params)
     total = np.zeros((dr.width(params["logit_opacities"]), 6, 6))
-    for camera in views.cameras:
-        sums = _products(params, camera, views.options, views.background)  # [COLUMNS, N]
+    for k, camera in enumerate(views.cameras):
+        sums = _products(params, views, k)  # [COLUMNS, N]
         seen = np.flatnonzero(sums[-1] > 0)
         jacobian = _jacobian(params, camera, views.options)[seen]
         A, B = np.split(jacobian, [SHAPE], axis=1)  # [n, 5, 6] shape, [n, 3, 6] color
@@ -73,10 +74,18 @@ def fisher(params: dict, views: TrainingViews) -> np.ndarray:
     return total
 
 
-def _products(params: dict, camera: DeviceCamera, options: RasterOptions, background: float) -> np.ndarray:
-    """[COLUMNS, N] float64, what ``composite_fisher`` adds up for a view."""
-    pictured, patches = prepare_both(params, camera, options, patch_blocks())
-    columns = composite_fisher(patches, composite_over(pictured, background))
+def _products(params: dict, views: TrainingViews, k: int) -> np.ndarray:
+    """[COLUMNS, N] float64, what ``composite_fisher`` adds up for view ``k``.
+
+    Seen through a tone curve, derivatives count times its slope, the mean over the channels of a pixel.
+    """
+    camera, mask = views.cameras[k], views.mask(k)
+    pictured, patches = prepare_both(params, camera, views.options, patch_blocks())
+    image = composite_over(pictured, views.background)
+    if views.curve:
+        slope = mean_slope(views.curve, image).reshape(camera.height, camera.width)
+        mask = slope if mask is None else slope * mask
+    columns = composite_fisher(patches, image, None if mask is None else detached(device_array(mask)))
     return np.stack([column.numpy() for column in columns]).astype(np.float64)
 
 

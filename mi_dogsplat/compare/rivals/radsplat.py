@@ -26,7 +26,7 @@ class LargestWeight:
     """max α T."""
 
     def __call__(self, params: dict, views: TrainingViews, seed: int) -> np.ndarray:
-        return weights(params, views.cameras, views.options).largest
+        return weights(params, views.cameras, views.options, mask=views.mask).largest
 
 
 RECIPE = Recipe(

@@ -60,10 +60,15 @@ def edges(photograph: np.ndarray) -> np.ndarray:
     return np.asarray(picture.filter(ImageFilter.FIND_EDGES), np.float64) / 255
 
 
-def saliency(error: np.ndarray, photograph: np.ndarray) -> np.ndarray:
+def from_0_to_1(values: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    """[H, W] scaled so that pixels that count have these as their least and greatest; a mask as ``TrainingViews``'."""
+    counted = values if mask is None or not mask.any() else values[mask > 0]
+    return (values - counted.min()) / max(float(np.ptp(counted)), 1e-12)
+
+
+def saliency(error: np.ndarray, photograph: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
     """[H, W] e of a view: error [H, W] and the edges of the photograph [H, W, 3], each scaled to 0..50."""
-    terms = (error, edges(photograph))
-    return sum((SALIENCY * (t - t.min()) / max(float(np.ptp(t)), 1e-12) for t in terms), np.zeros(error.shape))
+    return SALIENCY * sum((from_0_to_1(t, mask) for t in (error, edges(photograph))), np.zeros(error.shape))
 
 
 @dataclass(frozen=True)
@@ -103,10 +108,11 @@ def importance(t: Training, stats: DensifyStats) -> np.ndarray:
 def _of_view(t: Training, k: int, of_model) -> np.ndarray:
     view, camera, params = t.photographs.views[k], t.photographs.cameras[k], t.optimizer.params
     truth = photograph(view, t.photographs.background)
-    picture = t.picture(view).color
-    error = np.abs(picture - truth).mean(-1)  # [H, W]
-    loss = 0.8 * float(error.mean()) + 0.2 * (1 - ssim(picture, truth))
-    found = weights(params, [camera], t.options, [saliency(error, truth)])
+    mask = t.photographs.shown_mask(k)
+    picture, seen = (x if mask is None else x * mask[..., None] for x in (t.picture(view).color, truth))  # as the loss
+    error = np.abs(picture - seen).mean(-1)  # [H, W]
+    loss = 0.8 * float(error.mean()) + 0.2 * (1 - ssim(picture, seen))
+    found = weights(params, [camera], t.options, [saliency(error, truth, mask)], [mask].__getitem__)
     shown = found.pixels > 0
     projection = project(params, camera, sh_degree=0)
     terms = {"depth": projection.depth.numpy(), "radius": radii(projection.kernels).numpy(), "pixels": found.pixels}

@@ -34,20 +34,22 @@ def patch_blocks() -> Blocks:
     return replace(Blocks.of_backend(), width=4, height=4)
 
 
-def composite_fisher(view: WalkableView, image: list) -> list:
+def composite_fisher(view: WalkableView, image: list, mask=None) -> list:
     """Sums over the patches of a view: Σ_c g_c[i] g_c[j] for ``PAIRS``, then s g_c[i] by channel, then s²; [N] each.
 
     Args:
         view: made with ``patch_blocks``.
         image: the 3 planes of the view [H*W], background included.
+        mask: [H*W] 1 where a pixel counts, else 0, or by how much its derivatives count; None: all do.
     """
-    return sums_over_bands(view, COLUMNS, lambda band, *others: _composite_fisher(band, image, *others))
+    return sums_over_bands(view, COLUMNS, lambda band, *others: _composite_fisher(band, image, mask, *others))
 
 
 @frozen
-def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: list) -> list:
+def _composite_fisher(view: PreparedView, image: list, mask, in_turn: bool, above: list) -> list:
     walk, rows = Walk(view), SlotRows(view.lists, COLUMNS, in_turn)
     Float = walk.types.Float
+    counted = None if mask is None else walk.pixels.read(mask)
 
     def step(meeting: Meeting, T: list, behind: list) -> None:
         slot, colors, alphas = walk.slot(meeting), walk.features(meeting), walk.alphas(meeting)
@@ -57,8 +59,9 @@ def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: lis
             weight, T_behind, goes_on = walk.advance(α, T[k], meeting, k)
             is_blended = goes_on & (α != 0)
             weight = dr.select(is_blended, weight, 0)
-            s = s + weight
+            s = s + (weight if counted is None else weight * counted[k])
             α_by_p = dr.select(is_blended & (primary < MAX_ALPHA), LN2 * primary, 0)
+            α_by_p = α_by_p if counted is None else α_by_p * counted[k]
             p_by_shape = _exponent_by_shape(meeting.row.kernel, dx, dy)
             for c in range(3):
                 behind[c][k] = dr.fma(-weight, colors[c][k], behind[c][k])

@@ -19,22 +19,25 @@ from .slot_rows import SlotRows, sums_over_bands
 from .walk import Meeting, Walk
 
 
-def composite_weights(view: WalkableView, plane) -> tuple[list, Any]:
+def composite_weights(view: WalkableView, plane, mask=None) -> tuple[list, Any]:
     """((Σ α T, Σ T, number of pixels, Σ e α T), bits of the largest α T as UInt), [N] each.
 
     Floats that are not negative sort like their bits, and a maximum of integers is the same in any order.
 
     Args:
         plane: e [H*W].
+        mask: [H*W] 1 where a pixel counts, else 0; None: all do.
     """
     largest = dr.zeros(array_types().UInt, view.n_splats)
-    return sums_over_bands(view, 4, lambda band, *others: _composite_weights(band, plane, largest, *others)), largest
+    sums = sums_over_bands(view, 4, lambda band, *others: _composite_weights(band, plane, mask, largest, *others))
+    return sums, largest
 
 
 @frozen
-def _composite_weights(view: PreparedView, plane, largest, in_turn: bool, above: list) -> list:
+def _composite_weights(view: PreparedView, plane, mask, largest, in_turn: bool, above: list) -> list:
     walk, rows = Walk(view), SlotRows(view.lists, 4, in_turn)
     Float, e = walk.types.Float, walk.pixels.read(plane)
+    counted = None if mask is None else walk.pixels.read(mask)
 
     def step(meeting: Meeting, T: list, _: list) -> None:
         slot = walk.slot(meeting)
@@ -42,6 +45,7 @@ def _composite_weights(view: PreparedView, plane, largest, in_turn: bool, above:
         for k, a in enumerate(walk.alphas(meeting).values):
             weight, behind, goes_on = walk.advance(a, T[k], meeting, k)
             blended = goes_on & (a != 0)
+            blended = blended if counted is None else blended & (counted[k] > 0)
             weight = dr.select(blended, weight, 0)
             weights += weight
             weighted = dr.fma(e[k], weight, weighted)

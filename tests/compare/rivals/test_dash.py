@@ -4,10 +4,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hdr_data import write_hdr_data
 from mi_dogsplat.compare.rivals import dash
 from mi_dogsplat.compare.rivals.dash import LARGEST, Spectra, count_at
+from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.runs.history import run_to_end
+from mi_dogsplat.support.srgb import linear_to_srgb_log
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.train import Trainer
 
 
 def test_dash_begins_with_small_pictures(trainer_of):
@@ -16,6 +21,16 @@ def test_dash_begins_with_small_pictures(trainer_of):
     photographs = trainer.photographs
     assert photographs.factor > 1
     assert photographs.cameras[0].width == trainer.dataset.train[0].camera.width // photographs.factor
+
+
+def test_dash_follows_what_the_loss_sees_of_linear_pictures(tmp_path):
+    data = str(write_hdr_data(tmp_path / "data"))
+    config = TrainConfig(data, preset="3dgs", steps=60, sh_degree=1, target=90)
+    trainer = Trainer(config, load_dataset(data, 1), dash.RECIPE)
+    (state,) = (state for state in trainer.states.values() if isinstance(state, dash.Shown))
+    images = [view.image / trainer.dataset.white for view in trainer.dataset.train]
+    assert state.start == pytest.approx(Spectra.of([linear_to_srgb_log(image) for image in images]).start, rel=1e-4)
+    assert state.start != pytest.approx(Spectra.of(images).start, rel=1e-2)
 
 
 def test_dash_keeps_the_appearance_that_it_has_learned(trainer_of):
