@@ -40,10 +40,14 @@ def dot(a: Sequence, b: Sequence) -> Any:
 
 
 def kernel_adjoints(δp: list, kernel: KernelRow, dx: Any, dy: Any, blocks: Blocks) -> CentredKernel:
-    """δ of a kernel from δp at every pixel."""
+    """δ of a kernel from δp at every pixel, of p = lo - u² - v².
+
+    ∂p/∂(ux, uy, vy) = -2 (u dx, u dy, v dy), ∂p/∂(x, y) = 2 (u ux, u uy + v vy). At the pixel (k, r) u is larger by
+    k ux + r uy than at the first one, v by r vy: so all sums are made of six moments of δp.
+    """
     ux, uy, vy = kernel.ux, kernel.uy, kernel.vy
     m0, mk, mr, mkk, mkr, mrr = block_sums(δp, blocks)
-    # u and v at the corner, where they are small numbers next to a needle; then sums of δp u, δp v, δp u dx, ...
+    # u and v at the first pixel, where they are small numbers next to a needle; then sums of δp u, δp v, δp u dx, ...
     u, v = dr.fma(ux, dx, uy * dy), vy * dy
     mu, mv = dr.fma(u, m0, dr.fma(ux, mk, uy * mr)), dr.fma(v, m0, vy * mr)
     mux = dr.fma(dx, mu, dr.fma(u, mk, dr.fma(ux, mkk, uy * mkr)))

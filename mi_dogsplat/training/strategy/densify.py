@@ -174,10 +174,15 @@ def by_gradient(
         grow = _within(rule.max_primitives, grow, remove, to_halve, gradient)
         remove |= to_halve & ~grow
         _spare_one(remove, opacity)
-        if np.sum(~remove) > rule.max_primitives:  # a start above the cap
-            alive = np.flatnonzero(~remove)
-            remove[alive[np.argsort(-opacity[alive], kind="stable")[rule.max_primitives :]]] = True
+        _remove_surplus(rule.max_primitives, remove, opacity)
     return Choice(grow, small, remove)
+
+
+def _remove_surplus(most: int, remove: np.ndarray, opacity: np.ndarray) -> None:
+    """Of a start above the cap: remove all but the most opaque."""
+    alive = np.flatnonzero(~remove)
+    if len(alive) > most:
+        remove[alive[np.argsort(-opacity[alive], kind="stable")[most:]]] = True
 
 
 def _spare_one(remove: np.ndarray, opacity: np.ndarray) -> None:
