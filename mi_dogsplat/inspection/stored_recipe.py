@@ -1,4 +1,4 @@
-"""The numbers of the recipe of a run: as a comparison has stored them, or those of its preset."""
+"""The numbers of the recipe of a run: as they are stored where it is no preset's, or those of its preset."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ REMEDY = "restore or delete it"
 def recipe_of(run: Run, config: dict[str, Any]) -> dict[str, Any]:
     """Numbers of the recipe by name, those of a rule by its name; ``config``: of the run, defaults included.
 
-    Raises ``DataError`` for a stored one that no comparison writes, or a preset that does not go with the rest.
+    Raises ``DataError`` for a stored one that no run writes, or a preset that does not go with the rest.
     """
     if run.recipe is None or "recipe" not in run.recipe:
         return dataclasses.asdict(_recipe_of_preset(run.path, config))
     recipe = run.recipe["recipe"]
     if wrong := _unfit_part(recipe):
-        raise DataError(run.path / RECIPE, f'"{wrong}" is not what a comparison writes', REMEDY)
+        raise DataError(run.path / RECIPE, f'"{wrong}" is not what a run writes', REMEDY)
     return recipe
 
 

@@ -114,7 +114,7 @@ def test_a_damaged_recipe_is_one_line(tmp_path, changed, wrong):
     write_run(tmp_path, False, preset="paper", background="black")
     recipe = 5 if changed is None else dataclasses.asdict(METHODS["paper"].recipe) | changed
     (tmp_path / "recipe.json").write_text(json.dumps({"label": "V3", "recipe": recipe}))
-    with pytest.raises(DataError, match=rf'recipe\.json: "{wrong}" is not what .* writes; restore or delete it'):
+    with pytest.raises(DataError, match=rf'recipe\.json: "{wrong}" is not what a run writes; restore or delete it'):
         describe_features(tmp_path)
 
 
