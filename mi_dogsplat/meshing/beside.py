@@ -14,8 +14,10 @@ HEAD = 4096  # bytes of a file, among which the mark is
 
 
 def picture_beside(path: Path) -> Path:
-    """The picture of a mesh that has none inside of its file."""
-    return path.with_name(f"{path.stem}_texture.jpg")
+    """The picture of a mesh that has none inside of its file: that of OBJ is called by the mesh alone, any other by its
+    format as well, as meshes of one name may have different textures."""
+    format_of = "" if path.suffix.lower() == ".obj" else path.suffix.replace(".", "_")
+    return path.with_name(f"{path.stem}{format_of}_texture.jpg")
 
 
 def material_beside(path: Path) -> Path:

@@ -118,7 +118,7 @@ def write_gltf(path: Path, mesh: Mesh, drawing: Drawing) -> None:
 
 def write_usd(path: Path, mesh: Mesh, drawing: Drawing) -> None:
     """A prim ``Mesh`` with linear colours, as OpenUSD takes them to be, or with a texture; no subdivision. The picture
-    is in a .usdz, or beside another file: ``NAME_texture.jpg``."""
+    is in a .usdz, or beside another file: ``NAME_usda_texture.jpg``."""
     from pxr import UsdGeom
 
     stage = new_stage()

@@ -141,7 +141,9 @@ def test_a_texture_is_found_whatever_its_name(tmp_path):
     assert (tmp_path / f"{name}_texture.jpg").is_file()
 
 
-@pytest.mark.parametrize(("suffix", "beside"), [(".obj", ".mtl"), (".obj", "_texture.jpg"), (".usd", "_texture.jpg")])
+@pytest.mark.parametrize(
+    ("suffix", "beside"), [(".obj", ".mtl"), (".obj", "_texture.jpg"), (".usd", "_usd_texture.jpg")]
+)
 def test_a_texture_takes_the_place_of_nothing_but_an_earlier_one(suffix, beside, tmp_path):
     path, other = tmp_path / f"mesh{suffix}", tmp_path / f"mesh{beside}"
     for _ in range(2):
@@ -152,6 +154,15 @@ def test_a_texture_takes_the_place_of_nothing_but_an_earlier_one(suffix, beside,
     writer_of(path)(path, Mesh(VERTICES, FACES), Drawing())  # nothing is written beside it
     writer_of(tmp_path / "mesh.usdz", texture=True)
     assert other.read_bytes() == b"# by hand\n"
+
+
+def test_meshes_of_one_name_in_several_formats_keep_their_textures(tmp_path):
+    other = Mesh(VERTICES, FACES, texture=Texture(UV, 1 - QUARTERS))
+    for suffix, mesh in ((".obj", PAINTED), (".usda", other), (".usdc", PAINTED)):
+        before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+        path = tmp_path / f"mesh{suffix}"
+        writer_of(path, texture=True)(path, mesh, Drawing())
+        assert {file: file.read_bytes() for file in before} == before
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".usda"])
@@ -183,7 +194,8 @@ def test_gltf_holds_its_texture(suffix, tmp_path):
 def test_openusd_shows_its_texture_without_light(suffix, tmp_path):
     path = tmp_path / f"mesh{suffix}"
     writer_of(path, texture=True)(path, PAINTED, Drawing())
-    beside = [] if suffix == ".usdz" else ["mesh_texture.jpg"]
+    picture_name = f"mesh_{suffix[1:]}_texture.jpg"
+    beside = [] if suffix == ".usdz" else [picture_name]
     assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted([path.name, *beside])
     stage = Usd.Stage.Open(str(path))
     (prim,) = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
@@ -195,7 +207,7 @@ def test_openusd_shows_its_texture_without_light(suffix, tmp_path):
     texture = UsdShade.Shader(surface.GetInput("emissiveColor").GetConnectedSources()[0][0].source)
     assert texture.GetIdAttr().Get() == "UsdUVTexture"
     named = texture.GetInput("file").Get()
-    assert named.path == "./mesh_texture.jpg"
+    assert named.path == f"./{picture_name}"
     with Image.open(io.BytesIO(Ar.GetResolver().OpenAsset(Ar.ResolvedPath(named.resolvedPath)).GetBuffer())) as picture:
         np.testing.assert_allclose(np.asarray(picture) / 255, QUARTERS, atol=0.02)
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
