@@ -65,6 +65,7 @@ def test_light_tells_from_which_value_on_the_sensor_was_full(tmp_path):
     truth = inside(read_exr(files[2]))
     for file, level in zip(files[:2], levels, strict=False):
         light = inside(read_exr(file))
+        assert level is not None
         full = light.max(axis=2) >= level
         assert full.any() == (truth.max() >= level) and (truth[full].max(axis=1) > 0.99 * level).all()
         np.testing.assert_allclose(light[~full], truth[~full], rtol=0.02)
