@@ -13,6 +13,8 @@ import numpy as np
 from ..scene.splats import Array
 from .mesh import Mesh
 
+FAR = 0.25  # of the size of the box around the points that became one: where it is farther outside, it is astray
+
 
 def simplified(mesh: Mesh, most: int) -> Mesh:
     """The mesh with at most ``most`` triangles, or with as few as the library finds where that is more.
@@ -86,9 +88,26 @@ class _Fenced:
         how = {"target_count": target, "return_collapses": True}
         *_, collapses = fast_simplification.simplify(self.points, self.faces, **how)
         points, faces, became = fast_simplification.replay_simplification(self.points, self.faces, collapses)
+        points = _near_origin(points, self.points, became)
         is_top = np.zeros(len(points), bool)
         is_top[became[self.is_top]] = True
         return _Fenced(points, faces.astype(np.int32), is_top, became[self.became])
+
+
+def _near_origin(points: Array, before: Array, became: Array) -> Array:
+    """Points [P, 3], each near those of ``before`` [V, 3] that became it: their mean where it is far outside of the box
+    around them.
+
+    On a flat wall, or an edge between two, the place that moves the surface least is undetermined along a plane or a
+    line, and the library may find it anywhere.
+    """
+    low, high = np.full((2, len(points), 3), np.inf)
+    np.minimum.at(low, became, before)
+    np.minimum.at(high, became, -before)
+    high = -high
+    outside = np.maximum(low - points, points - high).max(axis=1)
+    astray = ~(outside <= FAR * np.linalg.norm(high - low, axis=1))  # or no number
+    return np.where(astray[:, None], _means(before, became, len(points)), points)
 
 
 def _distinct(faces: Array) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mi_dogsplat.meshing.mesh import Mesh
 from mi_dogsplat.meshing.simplification import simplified
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 from skimage.measure import marching_cubes
 
 MOST = 400
@@ -90,3 +91,18 @@ def test_flat_parts_are_few_triangles_and_keep_their_edge():
     a, b, c = (found.vertices[found.faces[:, k]] for k in range(3))
     areas = np.cross(b - a, c - a)[:, 2] / 2
     assert len(found.faces) <= 16 and areas.min() > 0 and areas.sum() == pytest.approx(1, abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_flat_walls_have_no_corners_far_away(seed):
+    """Along a wall nothing says where a corner should be, and along an edge between two only where on a line."""
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    places = np.stack(np.meshgrid(*[np.arange(24.0) - 11.5] * 3, indexing="ij"), axis=-1)
+    x, _, z = np.moveaxis(places @ turn.T, -1, 0)
+    for distance in (z, np.abs(z) - 1.5, np.maximum(z, x)):
+        vertices, faces, _, _ = marching_cubes(np.clip(distance, -4, 4).astype(np.float32), 0.0)
+        whole = Mesh(vertices.astype(np.float32), faces.astype(np.int64))
+        found = simplified(whole, len(faces) // 10)
+        assert len(found.faces) <= len(faces) // 10
+        away = cKDTree(whole.vertices).query(found.vertices)[0]
+        assert away.max() < 2.5  # voxels
