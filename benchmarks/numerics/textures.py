@@ -1,4 +1,5 @@
-"""How near the colours of a mesh are to test photographs: one for each vertex, and in a texture.
+"""How near the colours of a mesh are to test photographs: one for each vertex, and in a texture; of the model, and of
+the training photographs.
 
     dogsplat capture scenes/demo_truth.xml -o DATA --views 96 --size 400 400 --spp 32
     dogsplat train DATA -o RUN --preset 3dgs --steps 3000 --max-primitives 60000
@@ -22,13 +23,14 @@ from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.meshing.make import make_mesh
 from mi_dogsplat.meshing.mesh_config import MeshConfig
+from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.support.variants import set_variant
 
 SPP = 16
 COVERED = 0.99  # alpha of a photograph
-COLUMNS = "triangles  colours                 kB  seconds   PSNR"
+COLUMNS = "triangles  colours             of             kB  seconds   PSNR"
 
 
 def main(argv: list[str]) -> None:
@@ -45,17 +47,21 @@ def main(argv: list[str]) -> None:
     set_variant("llvm_ad_rgb")
     mi.set_log_level(mi.LogLevel.Error)  # it warns of colours in bytes
     views = load_dataset(args.data, args.downscale).test
-    few = [MeshConfig(faces=n, texture=size) for n, size in product(args.faces, (None, *args.sizes))]
+    few = [
+        MeshConfig(faces=n, texture=size, photographs=taken)
+        for n, size, taken in product(args.faces, (None, *args.sizes), (False, True))
+    ]
     print(COLUMNS)
     with TemporaryDirectory() as folder:
-        for config in (MeshConfig(), *few):
-            out = Path(folder) / f"{config.faces}_{config.texture}.{'ply' if config.texture is None else 'obj'}"
+        for k, config in enumerate((MeshConfig(), *few)):
+            out = Path(folder) / f"{k}.{'ply' if config.texture is None else 'obj'}"
             start = time.perf_counter()
-            made = make_mesh(args.model, out, config, args.data)
+            made = make_mesh(args.model, out, config, args.data, PictureOptions(downscale=args.downscale))
             seconds, files = time.perf_counter() - start, [*out.parent.glob(f"{out.stem}*")]
             colours = f"texture {config.texture}x{config.texture}" if config.texture else "of vertices"
             size = sum(file.stat().st_size for file in files) / 1000
-            row = f"{made.n_faces:9,d}  {colours:18s}{size:8,.0f}{seconds:9.0f}"
+            source = "photographs" if config.photographs else "the model"
+            row = f"{made.n_faces:9,d}  {colours:18s}  {source:11s}{size:8,.0f}{seconds:9.0f}"
             print(f"{row}{np.mean([nearness(out, view) for view in views]):7.2f}", flush=True)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..datasets import load_dataset
+from ..datasets.masks import Masks
 from ..datasets.world import read_world
 from ..export.refine import look_from_near
 from ..formats.read import read_source
@@ -17,7 +18,10 @@ from ..support.errors import DataError
 from ..support.variants import require_arrays
 from .mesh_config import MeshConfig
 from .mesh_files import writer_of
+from .photograph_colors import photograph_colors
 from .surface import surface_of
+
+SPP = 64  # of photographs that are rendered for their colours
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,8 @@ def make_mesh(
         model: the model, of any format.
         out: the .ply, .obj, glTF or OpenUSD to write.
         config: how.
-        data: a data set whose training views are fused; without one cameras are placed around and inside.
+        data: a data set whose training views are fused; without one cameras are placed around and inside. Its
+            photographs are only looked at for their colours, where the config asks for these.
         options: how pictures are drawn; what they do not say, the model's file does.
         show: called with the views that are done, each of which is looked at three times, and how many there are.
 
@@ -59,15 +64,19 @@ def make_mesh(
     read = read_source(model, out, "mesh")
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
     options.require_for(drawn.linear)
-    said = read.drawing
+    said, photographs = read.drawing, None
     if data:
-        dataset = load_dataset(data, options.shrink, spp=1, on_disk=True)  # no picture is looked at
+        spp = SPP if config.photographs else 1  # no picture is looked at
+        dataset = load_dataset(data, options.shrink, spp, on_disk=True)
         cameras, said = [view.camera for view in dataset.train], said.over(read_world(dataset.path).drawing)
+        if config.photographs:
+            masks = Masks(config.masks, dataset.train) if config.masks else None
+            photographs = photograph_colors(dataset.train, drawn, masks)
     else:
         cameras = vantage_cameras(splats, config.views, config.size, 0, config.inside, read.drawing.up)
         if options.near_clip is None:
             drawn = look_from_near(splats, drawn).drawn
-    mesh, voxel = surface_of(splats, cameras, drawn, config, show)
+    mesh, voxel = surface_of(splats, cameras, drawn, config, show, photographs)
     if not len(mesh.faces):
         problem = "no surface is found that hides half of what is behind it"
         raise DataError(model, problem, "use a smaller --voxel or --near-clip, a larger --reach, or other views")

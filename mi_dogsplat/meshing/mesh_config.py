@@ -14,6 +14,8 @@ MIN_FACES = "leave out connected parts with fewer triangles than this"
 CONNECTED = "keep only the N connected parts with the most triangles"
 FACES = "simplify the mesh to N triangles if it has more"
 TEXTURE = "write colours as a texture of N x N pixels, not for each vertex; needs --faces, and is not for .ply"
+PHOTOGRAPHS = "take colours from the photographs of --data, which are sharper than the model"
+MASKS = "folder of masks, named like the images of --data; black pixels give no colours; for --photographs"
 VIEWS = "number of views to fuse, from around the model and from inside of it; --data has its own views"
 SIZE = "width and height of these views, in pixels"
 INSIDE = "share of these views that show the model from free places inside of it; use 1 for a room"
@@ -29,6 +31,8 @@ class MeshConfig:
     connected: Annotated[int | None, Setting(CONNECTED, least=1)] = None
     faces: Annotated[int | None, Setting(FACES, least=4)] = None
     texture: Annotated[int | None, Setting(TEXTURE, least=64, most=16_384)] = None
+    photographs: Annotated[bool, Setting(PHOTOGRAPHS)] = False
+    masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
     views: Annotated[int, Setting(VIEWS, least=1)] = 96
     size: Annotated[tuple[int, int], Setting(SIZE, "W H")] = (640, 480)
     inside: Annotated[float, Setting(INSIDE, least=0, most=1)] = 0.5
@@ -37,11 +41,18 @@ class MeshConfig:
         check_settings(self)
         if self.texture is not None and self.faces is None:
             refuse("texture", "needs few triangles", "also give --faces, for instance 20000")
+        if self.masks is not None and not self.photographs:
+            refuse("masks", "are for the colours of photographs", "give --photographs, too, or leave it out")
         if not 16 <= min(self.size) <= max(self.size) <= 16_384:
             refuse("size", f"{self.size[0]} x {self.size[1]} is out of range", "use 16 to 16384 pixels")
 
     def require_use(self, own_views: bool) -> None:
-        """Raise ``DataError`` for what is said of views that are not made; ``own_views``: those of data are fused."""
+        """Raise ``DataError`` for what is said of views that are not made, or photographs that are not there.
+
+        ``own_views``: those of data are fused.
+        """
+        if self.photographs and not own_views:
+            refuse("photographs", "needs photographs", "name their data set by --data")
         for name in ("views", "size", "inside"):
             if own_views and is_said(self, name):
                 refuse(name, "is not for --data, whose training views are fused", "leave it out")

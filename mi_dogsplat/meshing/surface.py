@@ -35,6 +35,7 @@ def surface_of(
     drawn: DrawnAs,
     config: MeshConfig = MeshConfig(),
     show: Callable[[int, int], None] | None = None,
+    photographs: Callable[[int], Array] | None = None,
 ) -> tuple[Mesh, float]:
     """The surface that cameras see of a model, and the voxel it was looked for with, world units.
 
@@ -43,6 +44,7 @@ def surface_of(
         drawn: how the model is drawn.
         config: its ``voxel``, ``reach``, ``min_faces``, ``connected``, ``faces`` and ``texture``.
         show: as in ``make_mesh``.
+        photographs: the colours of a view by its number (``photograph_colors.py``); None: those of the model.
 
     Raises ``DataError`` where there would be too many voxels or pixels, or no part that is large enough.
     """
@@ -58,7 +60,7 @@ def surface_of(
 
     centre, radius = robust_sphere(splats)
     voxel = voxel_of(config, centre, radius)
-    views = SurfaceViews.of(splats, cameras, drawn)
+    views = SurfaceViews.of(splats, cameras, drawn, photographs)
     blocks = seen_blocks(views, centre, voxel, config.reach * radius, config.voxel is not None, tell)
     voxel = blocks.voxel
     mesh = zero_surface(blocks, fused(views, blocks, tell))

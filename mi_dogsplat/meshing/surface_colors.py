@@ -64,9 +64,11 @@ def _add(sums: list, places: list, normals: list | None, numbers: list, depth, c
         toward = -sum(_along(pose[3 * k : 3 * k + 3], normals) * at for k, at in enumerate((x, y, z)))
         shown = dr.maximum(toward, mi.Float(0)) * dr.rsqrt(x * x + y * y + z * z) * inverse * inverse
         weight = shown * shown
+    values = [dr.gather(mi.Float, plane, pixel, seen) for plane in color]
+    seen &= dr.isfinite(values[0])
     weight = dr.select(seen, weight, 0)
-    for k, plane in enumerate(color):
-        sums[k] += weight * dr.gather(mi.Float, plane, pixel, seen)
+    for k, value in enumerate(values):
+        sums[k] += dr.select(seen, weight * value, 0)
     sums[3] += weight
     dr.eval(sums)
 

@@ -28,7 +28,8 @@ class Seen(NamedTuple):
     depth: Array
     """[H, W] along the optical axis, of what stops half of the light; 0 where nothing does"""
     color: Array
-    """[H, W, 3] display-referred, of the splats alone, half floats; meaningless where there is no surface"""
+    """[H, W, 3] display-referred, half floats: of the splats alone, meaningless where there is no surface; or of the
+    photograph, NaN where it says nothing of the surface"""
 
 
 @dataclass(frozen=True)
@@ -41,33 +42,41 @@ class SurfaceViews:
     picture: Callable[[Camera], Picture]
     room: int
     """bytes of pictures to keep"""
+    photographs: Callable[[int], Array] | None = None
+    """the colours of a view by its number, in place of those of the model"""
     _kept: dict[int, Seen] = field(default_factory=dict)
 
     @staticmethod
-    def of(splats: Splats, cameras: list[Camera], drawn: DrawnAs) -> SurfaceViews:
+    def of(
+        splats: Splats, cameras: list[Camera], drawn: DrawnAs, photographs: Callable[[int], Array] | None = None
+    ) -> SurfaceViews:
         """Of a model that is drawn like that, from these cameras."""
         room = int(KEPT_SHARE * (available_memory() or 0))
-        return SurfaceViews(cameras, drawn.near_clip, picture_of(splats, 0.0, drawn, (DEPTH,)), room)
+        return SurfaceViews(cameras, drawn.near_clip, picture_of(splats, 0.0, drawn, (DEPTH,)), room, photographs)
 
     def __iter__(self) -> Iterator[Seen]:
         """The views, in the order of the cameras."""
         taken = sum(map(_size, self._kept.values()))
-        for k, camera in enumerate(self.cameras):
+        for k in range(len(self.cameras)):
             if (seen := self._kept.get(k)) is None:
-                seen = self._rendered(camera)
+                seen = self._seen(k)
                 if taken + _size(seen) <= self.room:
                     self._kept[k] = seen
                     taken += _size(seen)
             yield seen
 
-    def _rendered(self, camera: Camera) -> Seen:
-        picture = self.picture(camera)
-        alpha = np.maximum(picture.alpha, LEAST_ALPHA)[..., None]
-        if picture.radiance is None:
-            color = np.minimum(picture.color / alpha, 1)
-        else:  # which is what is blended, and not what a screen shows of it
-            color = displayed(picture.radiance / alpha, picture.white)
-        return Seen(camera, picture.aovs[f"{DEPTH}.Z"], color.astype(np.float16))
+    def _seen(self, k: int) -> Seen:
+        picture = self.picture(self.cameras[k])
+        color = _own_color(picture) if self.photographs is None else self.photographs(k)
+        return Seen(self.cameras[k], picture.aovs[f"{DEPTH}.Z"], color.astype(np.float16))
+
+
+def _own_color(picture: Picture) -> Array:
+    """[H, W, 3] of the splats alone."""
+    alpha = np.maximum(picture.alpha, LEAST_ALPHA)[..., None]
+    if picture.radiance is None:
+        return np.minimum(picture.color / alpha, 1)
+    return displayed(picture.radiance / alpha, picture.white)  # what is blended, and not what a screen shows of it
 
 
 def _size(seen: Seen) -> int:

@@ -23,6 +23,7 @@ from mi_dogsplat.scene.drawing import Drawing, DrawnAs
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.pictures import write_png
 from PIL import Image
 from splat_scenes import make_splats, rounded
 
@@ -125,6 +126,39 @@ def test_the_views_of_data_are_fused(tmp_path, capsys):
     assert (positions @ toward).max() > 0.6
 
 
+@pytest.mark.parametrize("how", [["--faces", "600", "--texture", "64"], []], ids=["texture", "vertices"])
+def test_colours_are_those_of_the_photographs_where_their_masks_are_white(tmp_path, capsys, how):
+    """Of a model in which all is red and blue, photographs show the left half green. The rest is grey or as beside."""
+    write_ply(tmp_path / "model.ply", ball())
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=9)
+    (tmp_path / "masks").mkdir()
+    for image in (data / "images").iterdir():
+        green = np.zeros((tiny_data.HEIGHT, tiny_data.WIDTH, 3))
+        green[..., 1] = 0.8
+        mask = np.ones(green.shape[:2])
+        mask[:, tiny_data.WIDTH // 2 :] = 0
+        green[mask == 0] = (1, 1, 0)
+        write_png(image, green)
+        write_png(tmp_path / "masks" / image.name, mask)
+    out = tmp_path / "mesh.obj"
+    flags = ["mesh", tmp_path / "model.ply", "-o", out, "--data", data, "--voxel", "0.05", *how]
+
+    def greens(*more) -> np.ndarray:
+        """Which colours are green, and which are neither green nor grey."""
+        assert run(capsys, *flags, *more)[0] == 0
+        colors = vertices_of(out)[1]
+        if how:
+            with Image.open(tmp_path / "mesh_texture.jpg") as texture:
+                colors = np.asarray(texture).reshape(-1, 3) / 255
+        green, grey = (np.abs(colors - other).max(axis=1) < 0.1 for other in ((0, 0.8, 0), (0.5, 0.5, 0.5)))
+        return np.array([green.mean(), (~green & ~grey).mean()])
+
+    assert greens()[0] == 0  # those of the model
+    plain, masked = greens("--photographs"), greens("--photographs", "--masks", tmp_path / "masks")
+    assert 0.1 < plain[0] < 0.9 and plain[1] > 0.05  # yellow
+    assert masked[0] > 0.1 and masked[1] == 0
+
+
 def test_the_data_say_what_is_up_and_how_long_a_unit_is_where_the_model_does_not(model, tmp_path):
     data = tiny_data.write_tiny_data(tmp_path / "data", n=2)
     write_world(data, World("x", 2.0))
@@ -192,6 +226,8 @@ def test_bad_input_is_one_line_and_nothing_is_written(model, tmp_path, capsys):
         "is the model itself": [model, "-o", model],
         "there are no images to shrink": [model, "-o", tmp_path / "o.ply", "--downscale", "2"],
         "no such": [model, "-o", tmp_path / "o.ply", "--data", tmp_path / "nowhere"],
+        "--photographs: needs photographs; name their data set": [model, "-o", tmp_path / "o.ply", "--photographs"],
+        "--masks: are for the colours of photographs": [model, "-o", tmp_path / "o.ply", "--masks", tmp_path],
         "--size: 16 x 8 is out of range": [model, "-o", tmp_path / "o.ply", "--size", "16", "8"],
         "--size: 99 x 16385 is out of range": [model, "-o", tmp_path / "o.ply", "--size", "99", "16385"],
     }

@@ -30,7 +30,9 @@ def test_a_point_has_the_mean_colour_of_the_pixels_on_whose_surface_it_is(weight
     views: Any = Pictures()
     for camera in cameras:
         depth = rng.uniform(0.1, 3, (camera.height, camera.width)) * (rng.random((camera.height, camera.width)) > 0.2)
-        views.append((camera, depth, rng.random((camera.height, camera.width, 3))))
+        color = rng.random((camera.height, camera.width, 3))
+        color[rng.random(depth.shape) > 0.9] = np.nan  # of photographs: what does not count
+        views.append((camera, depth, color))
     expected, times, calls = np.full((len(points), 3), np.nan), np.zeros(len(points), int), []
     for i, point in enumerate(points):
         found = []
@@ -42,8 +44,9 @@ def test_a_point_has_the_mean_colour_of_the_pixels_on_whose_surface_it_is(weight
             if 0 <= column < camera.width and 0 <= row < camera.height:
                 there = depth[int(row), int(column)]
                 cosine = normals[i] @ (camera.position - point) / np.linalg.norm(at)
-                if there > 0 and abs(there - z) <= TOLERANCE and (cosine > 0 or not weighted):
-                    found.append((color[int(row), int(column)], (cosine / z**2) ** 2 if weighted else 1))
+                pixel, seen = color[int(row), int(column)], there > 0 and abs(there - z) <= TOLERANCE
+                if seen and (cosine > 0 or not weighted) and not np.isnan(pixel).any():
+                    found.append((pixel, (cosine / z**2) ** 2 if weighted else 1))
         times[i] = len(found)
         if found:
             expected[i] = np.average([pixel for pixel, _ in found], 0, [weight for _, weight in found])

@@ -25,6 +25,8 @@ Examples:
                                                               model states its up axis and unit
   dogsplat mesh model.ply -o surface.glb --faces 20000 --texture 1024
                                                               with a texture, for games and web pages
+  dogsplat mesh model.ply -o surface.glb --faces 20000 --texture 2048 --data photos/ --photographs
+                                                              the texture is painted from the photographs
 
 A mesh does what splats cannot do: a ball rolls over it, and in another renderer a shadow falls on it. Depth
 pictures of the model are fused into a signed distance, and marching cubes turn that into triangles. The mesh

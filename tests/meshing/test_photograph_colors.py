@@ -1,0 +1,34 @@
+"""Which pixels of photographs give colours, and which colours these are."""
+
+import numpy as np
+import tiny_data
+from mi_dogsplat.datasets.dataset import View
+from mi_dogsplat.datasets.masks import Masks
+from mi_dogsplat.meshing.photograph_colors import photograph_colors
+from mi_dogsplat.scene.drawing import DrawnAs
+from mi_dogsplat.support.pictures import write_png
+from mi_dogsplat.support.srgb import displayed
+
+CAMERA = tiny_data.cameras(1, 24, 16)[0]
+PHOTOGRAPH = np.random.default_rng(0).uniform(0.1, 0.9, (16, 24, 3)).astype(np.float32)
+
+
+def test_transparent_and_masked_pixels_give_no_colour(tmp_path):
+    alpha = np.ones((16, 24, 1), np.float32)
+    alpha[:, :4] = 0.25
+    alpha[:, 4:8] = 0.75
+    clear = View("clear", CAMERA, np.concatenate([PHOTOGRAPH * alpha, alpha], axis=2))
+    write_png(tmp_path / "masked.png", np.where(np.arange(24) < 12, 0.0, 1.0) * np.ones((16, 1)))
+    masked = View("masked", CAMERA, PHOTOGRAPH)
+    colors = photograph_colors([clear, masked], DrawnAs(), Masks(tmp_path, [clear, masked]))
+    np.testing.assert_allclose(colors(0)[:, 4:], PHOTOGRAPH[:, 4:], rtol=1e-6)
+    assert np.isnan(colors(0)[:, :4]).all()
+    np.testing.assert_array_equal(colors(1)[:, 12:], PHOTOGRAPH[:, 12:])
+    assert np.isnan(colors(1)[:, :12]).all()
+
+
+def test_radiance_is_shown_as_the_model_is_or_else_as_the_photographs_are():
+    view = View("light", CAMERA, 5 * PHOTOGRAPH, white=2.0)
+    as_model = photograph_colors([view], DrawnAs(linear=True, white=8.0))(0)
+    np.testing.assert_array_equal(as_model, displayed(5 * PHOTOGRAPH, 8.0))
+    np.testing.assert_array_equal(photograph_colors([view], DrawnAs())(0), displayed(5 * PHOTOGRAPH, 2.0))
