@@ -48,7 +48,7 @@ class _Fenced:
     is_top: Array
     """[P] bool, whether it is a point at the top of the fence"""
     became: Array
-    """[V] in which point each vertex of the mesh is"""
+    """[V] in which point each vertex of the mesh is; -1 of one that is gone with all of its triangles"""
 
     @classmethod
     def of(cls, points: Array, faces: Array) -> _Fenced:
@@ -90,8 +90,9 @@ class _Fenced:
         points, faces, became = fast_simplification.replay_simplification(self.points, self.faces, collapses)
         points = _near_origin(points, self.points, became)
         is_top = np.zeros(len(points), bool)
-        is_top[became[self.is_top]] = True
-        return _Fenced(points, faces.astype(np.int32), is_top, became[self.became])
+        is_top[became[self.is_top & (became >= 0)]] = True
+        still = np.where(self.became >= 0, became[self.became], -1)
+        return _Fenced(points, faces.astype(np.int32), is_top, still)
 
 
 def _near_origin(points: Array, before: Array, became: Array) -> Array:
@@ -102,8 +103,9 @@ def _near_origin(points: Array, before: Array, became: Array) -> Array:
     line, and the library may find it anywhere.
     """
     low, high = np.full((2, len(points), 3), np.inf)
-    np.minimum.at(low, became, before)
-    np.minimum.at(high, became, -before)
+    left = became >= 0
+    np.minimum.at(low, became[left], before[left])
+    np.minimum.at(high, became[left], -before[left])
     high = -high
     outside = np.maximum(low - points, points - high).max(axis=1)
     astray = ~(outside <= FAR * np.linalg.norm(high - low, axis=1))  # or no number
@@ -119,7 +121,8 @@ def _distinct(faces: Array) -> Array:
 
 
 def _means(values: Array, group: Array, n: int) -> Array:
-    """[n, C] means of the rows [V, C] of each group [V]."""
+    """[n, C] means of the rows [V, C] of each group [V], of which -1 is none."""
+    values, group = values[group >= 0], group[group >= 0]
     counts = np.bincount(group, minlength=n)
     sums = np.stack([np.bincount(group, column, n) for column in values.T], axis=1)
     return sums / np.maximum(counts, 1)[:, None]

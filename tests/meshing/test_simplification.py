@@ -106,3 +106,16 @@ def test_flat_walls_have_no_corners_far_away(seed):
         assert len(found.faces) <= len(faces) // 10
         away = cKDTree(whole.vertices).query(found.vertices)[0]
         assert away.max() < 2.5  # voxels
+
+
+def test_a_vertex_that_is_in_no_triangle_takes_part_in_nothing():
+    whole, expected = ball(), simplified(ball(), MOST)
+    assert whole.colors is not None
+    alone = Mesh(
+        np.concatenate([whole.vertices, [[0.9, 0, 0]]]).astype(np.float32),
+        whole.faces,
+        np.concatenate([whole.colors, [[0, 1, 0]]]),
+    )
+    found = simplified(alone, MOST)
+    assert found.colors is not None and expected.colors is not None and len(found.faces) == len(expected.faces)
+    assert np.isfinite(found.vertices).all() and found.colors[:, 1].max() == 0

@@ -14,7 +14,7 @@ from nbclient import NotebookClient
 FOLDER = Path(__file__).parents[2] / "tutorials"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 MOST_BYTES = 1_500_000  # of all notebooks, pictures included
-OF_OTHER_RUNS = {"posed", "refined", "appearance.json"}  # of plain images, --refine-poses, --appearance
+OF_OTHER_RUNS = {"posed", "refined", "appearance.json", "masked.png"}  # of plain images, or with flags
 # samples of pictures that nothing is claimed about, and how many they get here
 FEWER = {"spp=64": "spp=2"}
 # what each promises in words, run as its last cell
