@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.exr import read_exr
+from mi_dogsplat.poses.raw_files import FULL
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.support.files import write_json
 from mi_dogsplat.support.pictures import write_png, write_radiance
@@ -35,7 +36,6 @@ from .kept import same_settings
 from .sensor import Sensor
 
 STOPS = 3  # between exposures
-FULL = 0.95  # of the range, as ``dogsplat poses`` has it
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from ..masking.make import Found
 
 NAMED = 3  # photographs that a line names
-HALF = 0.5
 METRICS = {
     "psnr": "PSNR {:.2f} dB", "cc_psnr": "colour-corrected {:.2f} dB", "half_psnr": "by halves {:.2f} dB",
     "aligned_psnr": "pose-aligned {:.2f} dB",
@@ -66,6 +65,8 @@ def simplified_lines(simplified: Simplified) -> list[str]:
 
 def masks_lines(out: Path, found: Found) -> list[str]:
     """How much is masked, and where most is."""
+    from ..datasets.masks import MOSTLY
+
     n, most = len(found.shares), list(found.masked.items())
     if not most:
         return [f"{out}: nothing is masked in any of {counted(n, 'photograph')}"]
@@ -73,7 +74,7 @@ def masks_lines(out: Path, found: Found) -> list[str]:
     named = ", ".join(f"{printable(name)} ({100 * share:.0f} %)" for name, share in most[:NAMED])
     where = f"in {len(most)} of {counted(n, 'photograph')}; the most in {named}"
     lines = [f"{out}: {100 * of_all:.1f} % of all pixels are masked, {where}"]
-    whole = [name for name, share in most if share > HALF]
+    whole = [name for name, share in most if share > MOSTLY]
     if whole:
         named, masked = printable(whole[0]), counted(len(whole), "photograph")
         lines.append(f"more than half of {masked} is masked, such as {named}; poses may be wrong")

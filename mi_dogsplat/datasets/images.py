@@ -173,8 +173,8 @@ def _shown(image: Image.Image, levels: np.ndarray) -> np.ndarray | None:
 
 
 def saturation(path: Path) -> float | None:
-    """The value of a channel from which on the sensor was full, where an OpenEXR file names it; None of other images,
-    which a render is clamped to the range of. Raises ``DataError``."""
+    """The value of a channel from which on the sensor was full, where an OpenEXR file names it; else None. Renders are
+    clamped to the range of display values anyway. Raises ``DataError``."""
     return exr_saturation(path) if is_exr(path) else None
 
 

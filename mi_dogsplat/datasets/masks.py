@@ -19,6 +19,7 @@ from .dataset import IMAGES, View, view_name
 from .images import box_downscale, read_image
 from .photograph_names import PHOTOGRAPHS, PLAIN
 
+MOSTLY = 0.5  # of a view: if more of it is masked, its pose may be wrong, or the mask is of something else
 USED = 0.5  # grey level from which a pixel counts
 ONE = 1.01 / 255  # grey level of the number 1, in 8 bits and in more
 SAME_SHAPE = 0.02  # relative difference of the ratios of two sizes that are of one shape

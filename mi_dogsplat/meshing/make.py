@@ -21,8 +21,6 @@ from .mesh_files import writer_of
 from .photograph_colors import photograph_colors
 from .surface import surface_of
 
-SPP = 64  # of photographs that are rendered for their colours
-
 
 @dataclass(frozen=True)
 class Meshed:
@@ -66,8 +64,10 @@ def make_mesh(
     options.require_for(drawn.linear)
     said, photographs = read.drawing, None
     if data:
-        spp = SPP if config.photographs else 1  # no picture is looked at
-        dataset = load_dataset(data, options.shrink, spp, on_disk=True)
+        if config.photographs:
+            dataset = load_dataset(data, options.shrink, on_disk=True)
+        else:
+            dataset = load_dataset(data, options.shrink, spp=1, on_disk=True)  # no picture is looked at
         cameras, said = [view.camera for view in dataset.train], said.over(read_world(dataset.path).drawing)
         if config.photographs:
             masks = Masks(config.masks, dataset.train) if config.masks else None

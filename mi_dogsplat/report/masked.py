@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ..datasets.masks import MOSTLY
 from ..support.wording import finite
 from .pictures import embedded_jpeg, read_pictures
 from .run_folder import MASKED, Run
-
-HALF = 0.5  # of a photograph: if more is masked, its pose may be wrong, or the masks are of something else
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,6 @@ def masked(run: Run) -> Masked | None:
         len(shares),
         sum(share > 0 for share in shares.values()),
         100 * sum(shares.values()) / len(shares),
-        sorted(name for name, share in shares.items() if share > HALF),
+        sorted(name for name, share in shares.items() if share > MOSTLY),
         "" if sheet is None else embedded_jpeg(sheet),
     )
