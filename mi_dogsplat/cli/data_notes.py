@@ -9,16 +9,16 @@ from ..support.wording import printable
 from .printing import say
 
 
-def say_what_is_not_read(data: str, masks: str | None = None) -> None:
-    """What no reader follows in the data, and whether its cameras are too far from the origin. Masks that are given
-    take the place of those that frames name."""
+def say_what_is_not_read(data: str, masks: str | None = None, depths: str | None = None) -> None:
+    """What no reader follows in the data, and whether its cameras are too far from the origin. Masks and depth maps
+    that are given take the place of those that frames name."""
     from ..datasets.far_origin import far_from_origin
     from ..datasets.numbered_models import other_models
     from ..datasets.transforms import not_read
 
     path = Path(data)
     try:
-        lines = other_models(path) + ([] if masks else not_read(path))
+        lines = other_models(path) + not_read(path, masks is not None, depths is not None)
         far = far_from_origin(path)
     except DataError:  # the training says so itself, once it has looked at its model
         return

@@ -20,7 +20,7 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     from ..runs.learned_views import learned_from
     from ..runs.run import train
 
-    say_what_is_not_read(config.data, config.masks)
+    say_what_is_not_read(config.data, config.masks, config.depths)
     with shown_training(config.steps, config.split) as show:
         metrics = train(config, out, show, resume)
     split = f"{config.split} views:" if metrics["test"] else f"training views (no {config.split} view is measured):"

@@ -57,13 +57,8 @@ def read_exr(path: Path) -> np.ndarray:
     """Linear radiance float32 [H, W, 3], or [H, W, 4] premultiplied. Raises ``DataError``."""
     headers = _opened(path, header_only=True)
     part, names = _choice(path, headers)
-    _size(path, headers.parts[part].header)
-    for held in headers.parts:  # all are unpacked
-        _size(path, held.header, "dataWindow")
-    file = _opened(path, header_only=False)
-    if len(file.parts) <= part:  # how the library leaves a file whose pixels it cannot read
-        raise DataError(path, "is damaged: its pixels end early or cannot be unpacked", "replace the file")
-    header, channels = file.parts[part].header, file.parts[part].channels
+    unpacked = _unpacked(path, headers, part)
+    header, channels = unpacked.header, unpacked.channels
     width, height = _size(path, header)
     planes = [channels[name] for name in names]
     if any(plane.xSampling != 1 or plane.ySampling != 1 for plane in planes):
@@ -79,6 +74,31 @@ def read_exr(path: Path) -> np.ndarray:
         data[..., 3] = np.minimum(data[..., 3], 1)
     pixels = _in_display_window(data, header, width, height)
     return np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels
+
+
+def read_exr_planes(path: Path) -> dict[str, np.ndarray]:
+    """All channels of the first part, by their names with their layers: float32 [H, W] of the display window, 0 where
+    nothing is stored. They may hold anything, also NaN. Raises ``DataError``."""
+    headers = _opened(path, header_only=True)
+    part = _unpacked(path, headers, 0)
+    width, height = _size(path, part.header)
+    shown = {}
+    for name, plane in part.channels.items():
+        if plane.xSampling == plane.ySampling == 1:
+            data = plane.pixels.astype(np.float32)[..., None]
+            shown[name] = _in_display_window(data, part.header, width, height)[..., 0]
+    return shown
+
+
+def _unpacked(path: Path, headers: Any, part: int) -> Any:
+    """A part with its pixels, of a file whose ``headers`` claim no absurd sizes."""
+    _size(path, headers.parts[part].header)
+    for held in headers.parts:  # all are unpacked
+        _size(path, held.header, "dataWindow")
+    file = _opened(path, header_only=False)
+    if len(file.parts) <= part:  # how the library leaves a file whose pixels it cannot read
+        raise DataError(path, "is damaged: its pixels end early or cannot be unpacked", "replace the file")
+    return file.parts[part]
 
 
 def _opened(path: Path, header_only: bool) -> Any:

@@ -6,18 +6,17 @@ What moves, or is no part of the scene, is painted black. A mask may be of any s
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from unicodedata import normalize
 
 import numpy as np
 from PIL import Image
 
 from ..support.errors import DataError
-from .dataset import IMAGES, View, view_name
+from .dataset import View
 from .images import box_downscale, read_image
-from .photograph_names import PHOTOGRAPHS, PLAIN
+from .named_like_images import composed, files_like_images, views_without
+from .photograph_names import PLAIN
 
 MOSTLY = 0.5  # of a view: if more of it is masked, its pose may be wrong, or the mask is of something else
 USED = 0.5  # grey level from which a pixel counts
@@ -26,10 +25,9 @@ SAME_SHAPE = 0.02  # relative difference of the ratios of two sizes that are of 
 
 
 class Masks:
-    """A folder with a picture per image, named as the image; images without one count whole.
+    """A folder with a picture per image, named as the image (``named_like_images.py``); images without one count whole.
 
-    The mask of ``left/1.JPG`` is ``left/1.png``, of any format, or ``left/1.JPG.png``, as COLMAP has it, or
-    ``left_1.png``. Raises ``DataError`` if there is no such folder, or none for any of the ``views``, or two for one.
+    Raises ``DataError`` if there is no such folder, or none for any of the ``views``, or two for one.
     """
 
     def __init__(self, folder: str | Path, views: Sequence[View]):
@@ -74,30 +72,10 @@ class Masks:
         return grey
 
 
-def composed(name: str) -> str:
-    """A name by which masks and images are told, with letters and their marks in one: macOS takes them apart."""
-    return normalize("NFC", name)
-
-
 def mask_files(folder: Path) -> dict[str, Path]:
-    """The masks of a folder, by the ``composed`` names of the views that they are of.
-
-    Where some lie beside a folder ``images``, as in that of a data set, what lies in this are its photographs. Raises
-    ``DataError`` for two of one view: one of them may be the photograph, and nothing tells which.
-    """
-    paths: dict[str, Path] = {}
-    found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in PLAIN)
-    beside = [path for path in found if not re.fullmatch(IMAGES, path.relative_to(folder).parts[0])]
-    found = beside or found
-    names = [_views_of(path.relative_to(folder)) for path in found]
-    for path, (likely, _) in zip(found, names, strict=True):
-        if other := paths.get(likely):
-            problem = f'would be a second mask of "{likely}", besides {other.relative_to(folder)}'
-            raise DataError(path, problem, "remove one of them; photographs and masks belong in different folders")
-        paths[likely] = path
-    for path, (_, itself) in zip(found, names, strict=True):
-        paths.setdefault(itself, path)
-    return paths
+    """The masks of a folder, by the ``composed`` names of the views that they are of. Raises ``DataError`` for two of
+    one view."""
+    return files_like_images(folder, PLAIN, "mask")
 
 
 def without_mask(folder: str | Path | None, views: Iterable[str]) -> list[str]:
@@ -105,22 +83,10 @@ def without_mask(folder: str | Path | None, views: Iterable[str]) -> list[str]:
     none where all have one, or without a folder."""
     if not folder:
         return []
-    names, paths = sorted(views), mask_files(Path(folder))
-    whole = [name for name in names if composed(name) not in paths]
+    names = list(views)
+    whole = views_without(mask_files(Path(folder)), names)
     said = f"{folder}: no mask for {len(whole)} of {len(names)} images"
     return [f"{said}, such as {whole[0]}; all of their pixels count"] if whole else []
-
-
-def folder_of_masks(mask: Path, view: str) -> Path | None:
-    """The folder in which ``Masks`` takes a file for the mask of a view; None where it is named otherwise."""
-    return next((above for above in mask.parents if composed(view) in _views_of(mask.relative_to(above))), None)
-
-
-def _views_of(mask: Path) -> tuple[str, str]:
-    """The ``composed`` names of the views that a mask may be of, by its path in the folder, the likelier one first: an
-    image may itself be called 1.jpg.png."""
-    image = mask.with_suffix("") if Path(mask.stem).suffix.lower() in PHOTOGRAPHS else mask
-    return composed(view_name(str(image))), composed(view_name(str(mask)))
 
 
 def require_white(path: Path, brightest: float) -> None:

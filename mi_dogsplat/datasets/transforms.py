@@ -22,13 +22,13 @@ from .colmap_beside import points_beside
 from .dataset import Dataset, every_eighth, held_out, require_unique_names, view_name, views_named
 from .frame_cameras import camera_of, lens_of, merged, pose_of
 from .images import is_file, named_file
-from .masks import folder_of_masks
+from .named_like_images import folder_named_like
 from .point_ply import read_point_ply
 from .view_images import ViewSource, load_views, require_files, rig_frames
 
 NAME = "view_name"  # ours: of a frame that is named otherwise than by its file, as where this lies elsewhere
 RIG_FRAME = "rig_frame"  # ours: the same whole number in the frames that a rig took at one moment
-MASK = "mask_path"  # nerfstudio's, of a frame
+MASK, DEPTH = "mask_path", "depth_file_path"  # nerfstudio's, of a frame
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".exr")
 CONVENTION = (
     "transform_matrix is camera-to-world with x right, y up, z backward (OpenGL), "
@@ -134,24 +134,36 @@ def read_frame_positions(file: Path) -> np.ndarray:
     return np.array(found).reshape(-1, 3)
 
 
-def not_read(path: Path) -> list[str]:
-    """What the frames of a data set say and no reader follows, in lines; nothing of other data sets. Raises
-    ``DataError``."""
+def not_read(path: Path, masked: bool = False, with_depths: bool = False) -> list[str]:
+    """What the frames of a data set say and no reader follows, in lines; nothing of other data sets.
+
+    ``masked``, ``with_depths``: masks or depth maps are given, which take the place of those that frames name. Raises
+    ``DataError``.
+    """
     given = path if path.suffix == ".json" and path.is_file() else None
     file = find_transforms(path) if path.is_dir() and not find_model(path) else given
     if not file:
         return []
-    lines, frames = [], [frame for frame in _parse(file)["frames"] if isinstance(frame, dict)]
-    if masked := [frame for frame in frames if frame.get(MASK)]:
-        mask = file.parent / str(masked[0][MASK]).replace("\\", "/")
-        folder = folder_of_masks(mask, _view_name(masked[0]))
-        use = f"--masks {folder} uses them" if folder else "--masks needs masks that are named like the images"
-        lines.append(f'the "{MASK}" of {len(masked)} of its frames; {use}')
+    frames = [frame for frame in _parse(file)["frames"] if isinstance(frame, dict)]
+    lines = [] if masked else _unused(file, frames, MASK, "--masks", "masks")
+    lines += [] if with_depths else _unused(file, frames, DEPTH, "--depths", "depth maps")
+    if masked:
+        return lines
     images = (_image_path(file.parent, str(frame.get("file_path", ""))) for frame in frames)
     if n := sum(is_file(image.with_name(f"{REPELLING}{image.stem}.png")) for image in images if image.name):
         like = "a folder with their negatives, named like the images"
         lines.append(f"the {REPELLING}*.png of {n} of its images, white where nothing counts; --masks takes {like}")
     return lines
+
+
+def _unused(file: Path, frames: list[dict[str, Any]], key: str, flag: str, kind: str) -> list[str]:
+    """A line on the files that frames name by a key, which a flag would use; none where no frame has one."""
+    named = [frame for frame in frames if frame.get(key)]
+    if not named:
+        return []
+    folder = folder_named_like(file.parent / str(named[0][key]).replace("\\", "/"), _view_name(named[0]))
+    use = f"{flag} {folder} uses them" if folder else f"{flag} needs {kind} that are named like the images"
+    return [f'the "{key}" of {len(named)} of its frames; {use}']
 
 
 def _parse(file: Path) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from ..datasets.colmap import read_sources
 from ..datasets.exr import is_exr
 from ..datasets.images import read_image, saturation
 from ..datasets.lens import Undistortion, undistortion
-from ..datasets.masks import composed, mask_files
+from ..datasets.masks import mask_files
+from ..datasets.named_like_images import composed
 from ..datasets.point_colors import in_srgb
 from ..support.errors import DataError
 from .colmap_database import require_room

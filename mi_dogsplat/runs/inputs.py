@@ -11,7 +11,7 @@ from ..training.config import TrainConfig
 from .checkpoint import CHECKPOINT
 from .model_files import model_files
 
-INPUTS = ("data", "masks", "model")  # settings that are paths
+INPUTS = ("data", "masks", "depths", "model")  # settings that are paths
 PLACES = CHECKPOINT.parent / "inputs.json"  # in a run folder: where they were
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets import Dataset, load_dataset
+from ..datasets.depths import without_depth
 from ..datasets.masks import without_mask
 from ..datasets.refined import require_photographs
 from ..datasets.world import World, check_world, metres_of_unit, world_of
@@ -127,6 +128,7 @@ def train(
         method = described(recipe if config.model is None else recipe.from_pruning())
     with undisguised(progress) as told, _begun(trainer, out, resume, method):
         notes = without_mask(config.masks, (view.name for view in dataset.views))
+        notes += without_depth(config.depths, (view.name for view in dataset.train))
         told({"step": trainer.step_count, "n": trainer.optimizer.n, "notes": notes})
         _train(trainer, out, told)
         told({"step": trainer.step_count, "n": trainer.optimizer.n, "measured": len(trainer.dataset.test)})

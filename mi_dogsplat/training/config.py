@@ -46,6 +46,7 @@ GROWTH = (
     "(default: that of the preset, mostly a half, with the step sizes of 3DGS)"
 )
 MASKS = "folder of masks, named like the images; black pixels do not count"
+DEPTHS = "folder of depth maps, named like the images (PNG in millimetres, .npy or .exr), which the model has to follow"
 FORMATS = ("ply", "spz", "sog")
 FORMAT = f"file to train for ({', '.join(FORMATS)}): the last part of the training sees the model as that file holds it"
 TARGET = (
@@ -83,6 +84,7 @@ class TrainConfig:
     near_clip: Annotated[float | None, Setting(f"{NEAR} {USUAL_NEAR}", least=0, most=1e30)] = None
     near_zone: Annotated[float, Setting(NEAR_ZONE, least=0, most=1e30)] = 0.0
     masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
+    depths: Annotated[str | None, Setting(DEPTHS, "FOLDER")] = None
     white: Annotated[float | None, Setting(WHITE, "L", least=1e-30, most=1e30)] = None
     appearance: Annotated[bool, Setting(APPEARANCE)] = False
     refine_poses: Annotated[bool, Setting(REFINE_POSES)] = False

@@ -32,6 +32,7 @@ BASE = 230e6  # Python, Mitsuba, LLVM, kernels and, where none are kept from bef
 TARGET = 40  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
 BOUNDS = 12  # bytes per pixel of a training view that is saturated somewhere
 MASK = 1  # byte per pixel of a training view that has one
+DEPTH = 4  # bytes per pixel of a training view that has a depth map
 AT_WORK = 150  # bytes per pixel of the view that is rendered: planes, what the loss is made of, gradients
 TARGETS_SHARE = 0.25  # of the memory; if they need more, they are made when they are due, in a third of the loss's time
 PER_FLOAT = 30  # bytes: value, two moments, gradient, what Adam is about to write; then the copy for a checkpoint
@@ -139,6 +140,7 @@ def budget(
     on_disk: bool = False,
     groups: Collection[RowGroup] = (),
     masked: bool = False,
+    with_depths: bool = False,
     later: Later = Later(),  # noqa: B008, it is immutable
 ) -> Budget | None:
     """The budget of a training on the data; None where nobody knows how much memory there is.
@@ -148,6 +150,7 @@ def budget(
         on_disk: pictures and masks are decoded when they are due, and weigh nothing.
         groups: of which primitives have rows before any are pruned.
         masked: training views have masks.
+        with_depths: they have depth maps.
         later: what comes when the pruning is over.
     """
     on_gpu = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
@@ -162,10 +165,11 @@ def budget(
     if not keep_targets:
         targets = sum(view.n_bytes for view in dataset.train)
     masks = MASK * sum(pixels) if masked and not on_disk else 0
+    depths = DEPTH * sum(pixels) if with_depths and not on_disk else 0
     bounds = 0 if on_disk else BOUNDS * sum(_saturated_sizes(dataset))
     at_work = (AT_WORK + (0 if keep_targets else TARGET)) * max(pixels)
     return Budget(
-        total, base, pictures + targets + masks + bounds + at_work,
+        total, base, pictures + targets + masks + depths + bounds + at_work,
         floats=14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0) + floats_of(groups),
         pair=DEVICE_PAIR if on_gpu else LISTED + WALKED / _bands(dataset),
         rounded=ROUNDED if on_gpu else 1.0,

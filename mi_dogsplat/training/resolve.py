@@ -51,7 +51,8 @@ def memory_of(config: TrainConfig, dataset: Dataset, recipe: Recipe, splats: Spl
     held = [group for group in BESIDE_COLORS if len(getattr(splats, group.index))]
     memory = budget(
         config.memory, dataset, splats.sh_degree, on_disk=config.data_on_disk, groups=held,
-        masked=config.masks is not None, later=_later_rows(config, recipe, held, splats.n_splats),
+        masked=config.masks is not None, with_depths=config.depths is not None,
+        later=_later_rows(config, recipe, held, splats.n_splats),
     )  # fmt: skip
     if memory:
         fewer = "a smaller model" if config.model else "fewer --max-primitives, a smaller --sh-degree"

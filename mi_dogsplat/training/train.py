@@ -19,6 +19,7 @@ import numpy as np
 
 from ..datasets import Dataset
 from ..datasets.dataset import View, camera_extent
+from ..datasets.depths import Depths
 from ..engine.arrays import backward
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
@@ -35,6 +36,7 @@ from ..scores.training_views import TrainingViews
 from .accuracy import errors_of_test_views, training_l1
 from .config import TrainConfig
 from .events import Event
+from .images.known_depth import KnownDepths
 from .images.photographs import Photographs
 from .initialize import initial_splats
 from .loss_means import LossMeans
@@ -76,6 +78,7 @@ class Trainer:
             keep_targets=self.memory is None or self.memory.keep_targets, curve=recipe.curve,
             batch_views=config.batch_views,
         )  # fmt: skip
+        self.depths = KnownDepths(Depths(config.depths, dataset), self.photographs) if config.depths else None
         rates = LearningRates(
             self.extent, recipe.position_steps,
             refinement=recipe.refinement, preconditioning=recipe.preconditioning,
@@ -161,10 +164,11 @@ class Trainer:
         camera = self.photographs.cameras[view]
         for strategy, state in parts:
             camera = strategy.camera(self, state, view, camera)
-        planes, frame = self._render(params, camera, probe)
+        planes, frame = self._render(params, camera, probe, depth=self.depths is not None)
         upcoming = self.order[::-1]  # views are taken from the end
         l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, upcoming)
-        backward(planes, [mi.Float(δ) for δ in gradient])
+        depth_planes, by_depth = self.depths.gradient(frame, view) if self.depths else ([], [])
+        backward([*planes, *depth_planes], [mi.Float(δ) for δ in (*gradient, *by_depth)])
         by_center = (dr.grad(probe[0]), dr.grad(probe[1])) if probe else None
         seen = Seen(view, camera, params, frame, planes, gradient, by_center, last)
         for strategy, state in parts:
@@ -184,8 +188,10 @@ class Trainer:
         """Planes of a training view over the background, and the frame they come from."""
         return self._render(params, self.photographs.cameras[view])
 
-    def _render(self, params: dict, camera: DeviceCamera, probe: list | None = None) -> tuple[list, Frame]:
-        frame = rasterize(params, camera, self.options, probe)
+    def _render(
+        self, params: dict, camera: DeviceCamera, probe: list | None = None, depth: bool = False
+    ) -> tuple[list, Frame]:
+        frame = rasterize(params, camera, replace(self.options, depth=depth), probe)
         return self.photographs.over_background(frame), frame
 
     def logs(self) -> bool:

@@ -44,7 +44,7 @@ def test_the_model_of_a_run_survives_a_prune_into_it(data, tmp_path, capsys):
     assert {path.name for path in run_folder.iterdir()} == {"config.json", "point_cloud.ply"}
 
 
-@pytest.mark.parametrize("name", ["data", "masks", "model"])
+@pytest.mark.parametrize("name", ["data", "masks", "depths", "model"])
 def test_a_path_that_no_json_holds_is_refused_before_the_training(tmp_path, name):
     config = replace(TrainConfig("photos"), **{name: "caf\udce9/in"})  # é of Latin-1, as Python has it
     with pytest.raises(DataError, match=r"its path is not UTF-8, which config\.json needs; rename it"):

@@ -26,8 +26,8 @@ by dogsplat train. Its history has every decision to prune or to refine, with th
 
 TRAINING_FLAGS = [
     *("preset", "steps", "target", "format", "batch_views", "downscale", "split", "background", "white"),
-    *("near_zone", "masks", "appearance", "refine_poses", "preconditioned", "data_on_disk", "seed", "variant"),
-    *("log_every", "test_every", "memory", "checkpoint_seconds", "up", "scale", "unit"),
+    *("near_zone", "masks", "depths", "appearance", "refine_poses", "preconditioned", "data_on_disk", "seed"),
+    *("variant", "log_every", "test_every", "memory", "checkpoint_seconds", "up", "scale", "unit"),
 ]
 
 

@@ -32,6 +32,7 @@ Examples:
   dogsplat train photos/ -o run --masks masks/ --appearance
                                                        people are masked, automatic exposure is undone
   dogsplat train photos/ -o run --mask-moved           people who walked by are found and masked first
+  dogsplat train photos/ -o run --depths depth/        depth maps of a phone with LiDAR, or of a network
   dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
   dogsplat train photos/ -o run --scale 0001 0004 0.75
                                                        two images taken 75 cm apart: the unit in metres

@@ -1,0 +1,111 @@
+"""Depth maps of the photographs: how far away is what each pixel shows, as a phone with LiDAR or a network says it.
+
+Where the data say which sparse points a view sees (COLMAP), the unit of the world is anything, and networks do not know
+the size of what they see. Then the map of each view is scaled, so that the median of its points agrees with it, as in
+Kerbl et al.'s training with depths. Other data have poses in the unit of their maps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..support.errors import DataError
+from .dataset import Dataset, View
+from .depth_files import SUFFIXES, read_depth
+from .named_like_images import composed, files_like_images, views_without
+
+LEAST_POINTS = 20  # of a view, by which its map can be scaled
+
+
+class Depths:
+    """A folder with a depth map per image, of any size, named as the image (``named_like_images.py``).
+
+    Raises ``DataError`` if there is no such folder, or none for any training view, or two for one.
+    """
+
+    def __init__(self, folder: str | Path, dataset: Dataset):
+        folder = Path(folder)
+        if not folder.is_dir():
+            raise DataError(folder, "no such folder", "give a folder with a depth map per image")
+        self.folder, self.paths = folder, depth_files(folder)
+        self._dataset, self._scales = dataset, {}
+        if not any(composed(view.name) in self.paths for view in dataset.train):
+            remedy = f"name them like the images, as {dataset.train[0].name}.png"
+            raise DataError(folder, "has no depth map for any of the images", remedy)
+
+    def of(self, view: View) -> np.ndarray | None:
+        """The depths of a view of the data, or of a smaller copy of it: float32 [H, W] along the view axis, world
+        units; 0 where nothing is known. None for a view without a map, and for one that cannot be scaled.
+
+        A map is one of the photograph: each pixel has the nearest value, as means over an edge are depths of nothing.
+        Raises ``DataError``.
+        """
+        path = self.paths.get(composed(view.name))
+        if path is None:
+            return None
+        depth = read_depth(path)
+        if not depth.any():
+            raise DataError(path, "knows no depth: all of it is 0, negative or not finite", "remove it, or replace it")
+        scale = self._scale(view.name, depth)
+        return None if scale is None else depth[_nearest(depth, view)] * np.float32(scale)
+
+    def _scale(self, name: str, depth: np.ndarray) -> float | None:
+        """Of a map to world units; None where too few points tell."""
+        seen = self._dataset.observations.get(name)
+        if not self._dataset.observations:
+            return 1.0
+        if name not in self._scales:
+            view = next(view for view in self._dataset.views if view.name == name)
+            self._scales[name] = None if seen is None else _fitted(view, depth, seen.pixels, self._points(seen.points))
+        return self._scales[name]
+
+    def _points(self, rows: np.ndarray) -> np.ndarray:
+        return self._dataset.points[rows].astype(np.float64)
+
+
+def depth_files(folder: Path) -> dict[str, Path]:
+    """The depth maps of a folder, by the ``composed`` names of the views that they are of. Raises ``DataError`` for two
+    of one view."""
+    return files_like_images(folder, SUFFIXES, "depth map")
+
+
+def without_depth(folder: str | Path | None, views: Iterable[str]) -> list[str]:
+    """A line on those views, by their names, that have no map in the folder; none where all have one, or without a
+    folder."""
+    if not folder:
+        return []
+    names = list(views)
+    lacking = views_without(depth_files(Path(folder)), names)
+    said = f"{folder}: no depth map for {len(lacking)} of {len(names)} training images"
+    return [f"{said}, such as {lacking[0]}; they are learned from colours alone"] if lacking else []
+
+
+def _nearest(depth: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray]:
+    """(rows, columns) [H, W] of the pixels of a map [H', W'] that are nearest to those of a view."""
+    height, width = depth.shape
+    camera = view.camera
+    if view.straight:
+        source = view.straight.source
+        places = replace(view.straight, camera=camera).source_pixels() / (source.width, source.height)  # [H, W, 2]
+        x, y = places[..., 0] * width, places[..., 1] * height
+    else:
+        k = min(width // camera.width, height // camera.height)
+        shrunk = k > 1 and (width // k, height // k) == (camera.width, camera.height)  # what is left over is cut off
+        per_x, per_y = (k, k) if shrunk else (width / camera.width, height / camera.height)
+        x, y = np.meshgrid((np.arange(camera.width) + 0.5) * per_x, (np.arange(camera.height) + 0.5) * per_y)
+    return np.clip(y.astype(np.intp), 0, height - 1), np.clip(x.astype(np.intp), 0, width - 1)
+
+
+def _fitted(view: View, depth: np.ndarray, pixels: np.ndarray, points: np.ndarray) -> float | None:
+    """What the depths are to be multiplied by: the median over points [M, 3] that are seen at ``pixels`` [M, 2]."""
+    camera = view.camera
+    z = points @ camera.w2c[2, :3] + camera.w2c[2, 3]
+    at = np.clip(np.floor(pixels).astype(np.intp), 0, (camera.width - 1, camera.height - 1))
+    rows, columns = _nearest(depth, view)
+    there = depth[rows, columns][at[:, 1], at[:, 0]]
+    known = (there > 0) & (z > 0)
+    return float(np.median(z[known] / there[known])) if np.count_nonzero(known) >= LEAST_POINTS else None

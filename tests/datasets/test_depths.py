@@ -1,0 +1,167 @@
+"""Depth maps: their files, whose they are, and their units."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+from mi_dogsplat.datasets.dataset import Dataset, Observations, View
+from mi_dogsplat.datasets.depth_files import read_depth
+from mi_dogsplat.datasets.depths import LEAST_POINTS, Depths, without_depth
+from mi_dogsplat.datasets.lens import Lens, undistortion
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.support.errors import DataError
+from PIL import Image
+
+DEPTHS = np.array([[1.5, 2.25, 0], [0.125, 7, 3.5]], np.float32)
+
+
+def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
+    header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, channels).write(str(path))
+
+
+def written(folder: Path, kind: str) -> Path:
+    """``DEPTHS`` as a file, with what is not known in some other way."""
+    path = folder / f"a.{kind.split()[0]}"
+    unknown = np.where(DEPTHS > 0, DEPTHS, {"exr": np.inf, "npy": np.nan}.get(path.suffix[1:], 0))
+    if path.suffix == ".exr":
+        write_exr(path, {kind.split()[1]: unknown.astype(np.float32), "other": unknown.astype(np.float32) + 1})
+    elif path.suffix == ".npy":
+        whole = kind.endswith("millimetres")
+        np.save(path, (1000 * DEPTHS).astype(np.uint16) if whole else unknown[..., None].astype(np.float64))
+    else:
+        floats = kind.endswith("floats")
+        Image.fromarray(unknown.astype(np.float32) if floats else (1000 * DEPTHS).astype(np.uint16)).save(path)
+    return path
+
+
+KINDS = ("exr depth.Z", "exr Z", "exr Y", "npy floats", "npy millimetres", "png millimetres", "tif millimetres")
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "tiff floats"])
+def test_files_of_all_kinds_hold_the_same_depths(tmp_path, kind):
+    depth = read_depth(written(tmp_path, kind))
+    assert depth.dtype == np.float32 and depth.shape == DEPTHS.shape
+    np.testing.assert_allclose(depth, DEPTHS, rtol=1e-6)
+
+
+def test_the_only_channel_is_depth_whatever_its_name_and_negative_depths_are_unknown(tmp_path):
+    write_exr(tmp_path / "a.exr", {"distance": -DEPTHS})
+    assert not read_depth(tmp_path / "a.exr").any()
+
+
+def bad_file(folder: Path, kind: str) -> Path:
+    path = folder / kind
+    if kind == "8 bits.png":
+        Image.fromarray(np.ones((2, 2), np.uint8)).save(path)
+    elif kind == "colours.png":
+        Image.fromarray(np.ones((2, 2, 3), np.uint8)).save(path)
+    elif kind == "shape.npy":
+        np.save(path, np.ones((2, 2, 2)))
+    elif kind == "objects.npy":
+        np.save(path, np.array([None]), allow_pickle=True)
+    elif kind == "words.npy":
+        np.save(path, np.array([["a"]]))
+    elif kind == "names.exr":
+        write_exr(path, {"a": DEPTHS, "b": DEPTHS})
+    else:
+        path.write_bytes(b"nothing of the kind")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("8 bits.png", "has 8 bits, and depth needs one channel of 16 bits; write it as PNG of 16 bits"),
+        ("colours.png", "has 3 channels, and depth needs one channel of 16 bits"),
+        ("shape.npy", r"holds an array of shape \(2, 2, 2\); depth needs \[height, width\]"),
+        ("objects.npy", "cannot be read as a NumPy array"),
+        ("words.npy", "holds no array of real numbers"),
+        ("names.exr", "has no channel depth.Z, Z, depth, Y, but a, b; name the channel of depth so"),
+        ("no.png", "cannot be read as an image"),
+        ("no.npy", "cannot be read as a NumPy array"),
+        ("no.exr", "cannot be read as OpenEXR"),
+    ],
+)
+def test_a_bad_file_is_one_line(tmp_path, kind, said):
+    with pytest.raises(DataError, match=said) as error:
+        read_depth(bad_file(tmp_path, kind))
+    assert "\n" not in str(error.value) and kind in str(error.value)
+
+
+def data_of(*views: View, observations: dict[str, Observations] | None = None, points=()) -> Dataset:
+    xyz = np.array(points, np.float32).reshape(-1, 3)
+    return Dataset(Path("data"), list(views), [], xyz, 0 * xyz, False, observations or {})
+
+
+def view_of(width: int, height: int, name: str = "a") -> View:
+    camera = Camera(np.eye(4), 10.0, 10.0, width / 2, height / 2, width, height)
+    return View(name, camera, np.zeros((height, width, 3), np.float32))
+
+
+def test_a_map_of_another_size_gives_each_pixel_the_nearest_value(tmp_path):
+    np.save(tmp_path / "a.npy", np.arange(1.0, 13).reshape(3, 4))
+    data = data_of(view_of(8, 6))
+    depth = Depths(tmp_path, data).of(data.train[0])
+    assert depth is not None
+    np.testing.assert_array_equal(depth, np.arange(1, 13).reshape(3, 4).repeat(2, 0).repeat(2, 1))
+    small = Depths(tmp_path, data).of(view_of(1, 1))  # 3x4 shrunk by 3, of which a column is cut off
+    np.testing.assert_array_equal(small, [[6]])  # the middle of the 3x3 that are left
+
+
+def test_the_lens_of_the_photograph_is_taken_out_of_its_map(tmp_path):
+    source = view_of(64, 48).camera
+    straight = undistortion(replace(source, fx=40.0, fy=40.0), Lens((0.2,)))
+    columns = np.tile(np.arange(1.0, 65), (48, 1))  # each pixel tells its column
+    np.save(tmp_path / "a.npy", columns)
+    camera = straight.camera
+    image = np.zeros((camera.height, camera.width, 3), np.float32)
+    view = View("a", camera, image, straight)
+    depth = Depths(tmp_path, data_of(view)).of(view)
+    expected = straight.image(columns[..., None].astype(np.float32))[..., 0]
+    inside = slice(2, -2), slice(2, -2)  # of what splines make of the border
+    assert depth is not None and np.abs(depth - expected)[inside].max() < 0.51 < np.ptp(expected, axis=0)[2:-2].max()
+
+
+def test_maps_are_scaled_to_the_sparse_points_that_the_views_see(tmp_path):
+    rng, (width, height) = np.random.default_rng(0), (40, 30)
+    view = view_of(width, height)
+    depth = rng.uniform(1, 2, (height, width))
+    pixels = rng.uniform(0, 1, (LEAST_POINTS, 2)) * (width, height)
+    at = pixels.astype(int)
+    z = 3.7 * depth[at[:, 1], at[:, 0]]
+    z[:5] *= 9  # points that are wrong
+    points = np.column_stack([(pixels - (width / 2, height / 2)) / 10 * z[:, None], z])
+    np.save(tmp_path / "a.npy", depth)
+    np.save(tmp_path / "b.npy", depth)
+    few = Observations(pixels[1:], np.arange(LEAST_POINTS)[1:])
+    seen = {"a": Observations(pixels, np.arange(LEAST_POINTS)), "b": few}
+    data = data_of(view, view_of(width, height, "b"), view_of(width, height, "c"), observations=seen, points=points)
+    depths = Depths(tmp_path, data)
+    found = depths.of(view)
+    assert found is not None
+    np.testing.assert_allclose(found, 3.7 * depth, rtol=1e-5)
+    assert depths.of(data.train[1]) is None  # one point less than it needs
+    assert depths.of(data.train[2]) is None  # no map
+    half = replace(view, camera=view.camera.downscaled(2))
+    np.testing.assert_allclose(np.asarray(depths.of(half)), 3.7 * depth[1::2, 1::2], rtol=1e-5)
+
+
+def test_folders_without_maps_and_maps_that_know_nothing_are_refused(tmp_path):
+    data = data_of(view_of(4, 4), view_of(4, 4, "b"))
+    with pytest.raises(DataError, match="no such folder; give a folder with a depth map per image"):
+        Depths(tmp_path / "none", data)
+    with pytest.raises(DataError, match=r"no depth map for any of the images; name them like the images, as a\.png"):
+        Depths(tmp_path, data)
+    np.save(tmp_path / "a.npy", np.zeros((4, 4)))
+    with pytest.raises(DataError, match=r"a\.npy: knows no depth: all of it is 0, negative or not finite"):
+        Depths(tmp_path, data).of(data.train[0])
+    said = f"{tmp_path}: no depth map for 1 of 2 training images, such as b; they are learned from colours alone"
+    assert without_depth(tmp_path, ["a", "b"]) == [said]
+    assert without_depth(tmp_path, ["a"]) == without_depth(None, ["b"]) == []
+    write_exr(tmp_path / "a.exr", {"Z": DEPTHS})
+    with pytest.raises(DataError, match='would be a second depth map of "a"'):
+        Depths(tmp_path, data)
