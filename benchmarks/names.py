@@ -7,8 +7,8 @@ EXPERIMENTS = {
     "renderers": ("ellipsoids", "renderers"),
     "numerics": ("curvature", "derivatives", "poison", "popping", "stiffness", "surfaces", "textures"),
     "training": (
-        *("appearance", "disagreement", "dog_start", "exposures", "hdr", "misfits", "preconditioning"),
-        *("rate_distortion", "scene_scale", "second_order", "simplify", "stretched"),
+        *("appearance", "depths", "disagreement", "dog_start", "exposures", "hdr", "misfits"),
+        *("preconditioning", "rate_distortion", "scene_scale", "second_order", "simplify", "stretched"),
     ),
     "poses": ("poses", "refine_poses", "up"),
     "tracing": (
