@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 TEST_EVERY = 8  # as in LLFF and 3DGS: images 0, 8, 16, ... by sorted name are held out
 SPLITS = ("test", "validation")
 # of names of pictures that are written beside NAME.png of a view (evaluate.py, mixture.py, misfits.py)
-PICTURE_ENDS = ("_gt", "_error", "_gaussian", "_dog", "_plain", "_plain_error")
+PICTURE_ENDS = ("_gt", "_error", "_mask", "_gaussian", "_dog", "_plain", "_plain_error")
 MAX_FILE_NAME = 255  # bytes, on the usual file systems
 IMAGES = r"images(_\d+)?"  # folders of a data set's images, and of smaller copies
 
