@@ -52,7 +52,7 @@ def start_of(
     ``model`` is the ``model_to_prune`` of the settings, where that has been read. Raises ``DataError`` for settings
     that are not for these data, and for primitives that do not fit into the memory or are all in the near zone.
     """
-    dataset = _exposed(config, dataset)
+    dataset = exposed(config, dataset)
     recipe = recipe_of_run(config, recipe)
     extent = camera_extent(dataset.train)
     near_clip = near_clip_of(config, extent)
@@ -66,7 +66,7 @@ def start_of(
     return Start(dataset, config, recipe, extent, near_clip, splats, sieve, memory)
 
 
-def _exposed(config: TrainConfig, dataset: Dataset) -> Dataset:
+def exposed(config: TrainConfig, dataset: Dataset) -> Dataset:
     """The images with the white of the settings. Raises ``DataError`` for settings that are for others."""
     if config.white is not None and dataset.white is None:
         raise DataError("--white", "is for linear images", "leave it out, or train on OpenEXR images")
