@@ -266,12 +266,12 @@ def serve(
 
 
 def _dataset(data: str | Path | None, source: Source, options: PictureOptions) -> Dataset | None:
-    """The data set that is named, or that of the run if it is still there."""
+    """The data set that is named, or that of the run if it is still there; either as the run was trained on its own,
+    which may have moved."""
     from ..datasets import load_dataset
 
-    if data:
-        return load_dataset(data, options.shrink)
-    if not source.data:
+    path = data or source.data
+    if not path:
         return None
     split, on_disk = source.config.get("split", "test"), source.config.get("data_on_disk", False)
-    return load_dataset(source.data, options.or_trained(source.config).shrink, on_disk=on_disk, split=split)
+    return load_dataset(path, options.or_trained(source.config).shrink, on_disk=on_disk, split=split)

@@ -12,14 +12,17 @@ from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import over_background, render_picture
+from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.runs.checkpoint import save_checkpoint
 from mi_dogsplat.runs.run import CHECKPOINT, train
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.files import write_json
 from mi_dogsplat.support.pictures import heat_map
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
+from mi_dogsplat.viewer import server
 from mi_dogsplat.viewer.renderer import Renderer, fitted, nearest_view
 from mi_dogsplat.viewer.source import Source, splats_of_state
 from mi_dogsplat.viewer.view_state import (
@@ -280,3 +283,29 @@ def test_a_run_is_followed_from_checkpoint_to_checkpoint_to_its_model(dataset, t
 def test_a_folder_without_a_model_says_what_to_wait_for(tmp_path):
     with pytest.raises(DataError, match="wait for its first checkpoint"):
         Source(tmp_path).poll()
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_photographs_beside_a_run_are_as_large_and_split_as_its_training_had_them(data, tmp_path, monkeypatch, named):
+    shown = []
+
+    class Shown:
+        url = ""
+
+        def __init__(self, source, dataset, *given):
+            shown.append(dataset)
+
+        def serve(self):
+            pass
+
+        stop = serve
+
+    monkeypatch.setattr(server, "Server", Shown)
+    write_json(tmp_path / "config.json", {"data": str(data), "downscale": 2, "split": "validation"})
+    for options in (PictureOptions(), PictureOptions(downscale=1)):
+        server.serve(tmp_path, data if named else None, options=options, show=lambda line: None)
+    of_run = load_dataset(data, split="validation")
+    assert {view.name for view in of_run.test} != {view.name for view in load_dataset(data).test}
+    for found, width in zip(shown, (tiny_data.WIDTH // 2, tiny_data.WIDTH), strict=True):
+        assert [view.name for view in found.test] == [view.name for view in of_run.test]
+        assert {view.camera.width for view in found.views} == {width}
