@@ -76,7 +76,7 @@ class Server:
         views = [*dataset.test, *dataset.train] if dataset else []
         drawn = self._drawn(splats, bool(views))
         options.require_for(drawn.linear)
-        self.renderer = Renderer(splats, drawn, views)
+        self.renderer = Renderer(splats, drawn, views, source.appearance)
         self.settings = Settings(background=background, sh_degree=splats.sh_degree)
         self.visitors: dict[int, tuple[Any, Pace]] = {}
         self._running, self._polled = True, time.monotonic()
@@ -188,7 +188,7 @@ class Server:
         if found:
             splats, self.what = found
             self._offer_degrees(splats.sh_degree)
-            self.renderer.replace(splats, self._drawn(splats, bool(self.renderer.views)))
+            self.renderer.replace(splats, self._drawn(splats, bool(self.renderer.views)), self.source.appearance)
             self._show.options = self.renderer.choices
         if found or self._trouble != before:
             self._everybody_changed()

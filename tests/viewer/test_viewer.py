@@ -9,12 +9,14 @@ import tiny_data
 from cut_models import with_cuts, with_second_cuts
 from mi_dogsplat import Model, write_model, write_ply
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import over_background, render_picture
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.runs.checkpoint import save_checkpoint
 from mi_dogsplat.runs.run import CHECKPOINT, train
+from mi_dogsplat.scene.appearance import Appearance, device_of, photographed, radii_squared
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
@@ -165,6 +167,26 @@ def test_the_error_is_that_at_the_nearest_photograph(dataset):
     assert view.name in drawn.about and f"{error.mean():.4f}" in drawn.about
     photograph = renderer.draw(moved, Settings(PHOTOGRAPH, 36)).image
     assert np.abs(uint8(view.image) - photograph).max() <= 1
+
+
+def test_the_error_is_that_of_the_model_as_its_cameras_took_it_where_a_run_has_learned_how(dataset, tmp_path):
+    view, dark = dataset.views[3], np.array([-1.0, -1.2, -0.9])
+    learned = Appearance([view.name], [device_of(view.camera)], dark[None], np.array([[-0.3, -0.2]]))
+    learned.write(tmp_path / "appearance.json")
+    write_ply(tmp_path / "point_cloud.ply", tiny_data.truth())
+    source = Source(tmp_path)
+    found = source.poll()
+    assert found and source.appearance
+    taken = photographed(view.image, radii_squared(view.camera), learned.numbers(view.camera, view.name))
+    views = [View(view.name, view.camera, taken)]
+    said = []
+    for appearance in (source.appearance, None):
+        drawn = Renderer(found[0], DrawnAs(), views, appearance).draw(pose_of(view.camera), Settings(ERROR, 36))
+        said.append(float(drawn.about.split()[-1]))
+    assert said[0] < 0.005 and said[1] > 0.05
+    (tmp_path / "appearance.json").unlink()  # as a new training does
+    os.utime(tmp_path / "point_cloud.ply", ns=(1, 1))
+    assert source.poll() and source.appearance is None
 
 
 def test_what_a_new_model_does_not_have_is_drawn_as_the_model():
