@@ -157,10 +157,13 @@ class DogShape(mi.Mesh):
         self.set_id(props.id())
         try:
             model, self.source = given_model(props)
-            matrix = matrix_of(props.get("to_world", mi.ScalarTransform4f()))
-            splats = transformed(model.splats, matrix)
         except (TypeError, ValueError, OSError) as error:
             raise RuntimeError(f"dog: {error}") from None
+        try:
+            matrix = matrix_of(props.get("to_world", mi.ScalarTransform4f()))
+            splats = transformed(model.splats, matrix)
+        except (TypeError, ValueError) as error:
+            raise self._unfit("to_world", error) from None
         self._assign(splats)
         self.drawing = model.drawing.enlarged(mean_scale(matrix))  # what it says is in units of the file
         self.to_world, self._moves = mi.Transform4f(), False
@@ -204,8 +207,14 @@ class DogShape(mi.Mesh):
             matrix = self._matrix()
             decompose_similarity(matrix)
         except ValueError as error:
-            raise RuntimeError(f'dog: "to_world": {error}') from None
+            raise self._unfit("to_world", error) from None
         self._moves = "to_world" in keys or not np.array_equal(matrix, np.eye(4))
+
+    def _unfit(self, name: str, error: Exception) -> RuntimeError:
+        """What is wrong with a parameter, with the name of the shape where somebody gave it one."""
+        named = self.id() and not self.id().startswith("_")  # as Mitsuba begins those that it makes up
+        own = f' of "{self.id()}"' if named else ""
+        return RuntimeError(f'dog: "{name}"{own}: {error}')
 
     def _require_rows(self, shapes: dict[str, tuple]):
         """Tensors of these ``shapes`` have a row for each primitive, or for each that is in their group."""

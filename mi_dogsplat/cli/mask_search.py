@@ -24,10 +24,12 @@ def search_masks(config: TrainConfig, run: Path, resume: bool) -> TrainConfig:
     from ..masking.first_model import settings_of_first
     from ..masking.make import make_masks, require_new
     from ..report.run_folder import CONFIG, FIRST, MASKED, MASKS, METRICS, MODEL
-    from ..runs.run import prepared, train
+    from ..runs.run import check_run, prepared, train
     from .progress import Bar
 
     first, masks = run / FIRST, run / MASKS
+    masked = replace(config, masks=str(masks))
+    check_run(masked, run, resume)  # else it is told after the small model is trained
     with prepared(run):
         begun = (first / CONFIG).exists()
         if not (resume and begun and masks.is_dir()):
@@ -44,4 +46,4 @@ def search_masks(config: TrainConfig, run: Path, resume: bool) -> TrainConfig:
                 written = masks, given, run / MASKED
                 found = make_masks(first / MODEL, small.data, *written, options, bar.show, small.split)
             say("\n".join(masks_lines(masks, found)))
-    return replace(config, masks=str(masks))
+    return masked

@@ -16,7 +16,7 @@ from ..datasets.masks import Masks
 from ..formats.read import read_model
 from ..measure.evaluate import render_milliseconds_in_turn
 from ..render.picture import Picture, background_color, picture_of
-from ..report.run_folder import DOG_PROFILE, METRICS, MODEL, RECIPE, RENDER_MS
+from ..report.run_folder import CONFIG, DOG_PROFILE, METRICS, MODEL, RECIPE, RENDER_MS
 from ..report.write import write_report
 from ..runs.checkpoint import CHECKPOINT
 from ..runs.mixture import write_comparison
@@ -41,15 +41,24 @@ def densified_start(config: TrainConfig, path: Path) -> None:
     os.replace(train_until(config, folder, step, resume=(folder / CHECKPOINT).exists()), path)
 
 
-def recipe_of(method: Method) -> dict:
-    """What the run folder of a method keeps, as JSON gives it back: its label and the numbers of its recipe."""
+def recipe_of(method: Method, masked: bool = False) -> dict:
+    """What the run folder of a method keeps, as JSON gives it back: its label and the numbers of its recipe.
+
+    ``masked``: the run is on photographs with masks.
+    """
     revised = {"revision": method.revision} if method.revision > 1 else {}
+    if masked and method.masked_revision > 1:
+        revised["masked_revision"] = method.masked_revision
     return {"label": method.label, "recipe": json.loads(json.dumps(dataclasses.asdict(method.recipe)))} | revised
 
 
 def is_complete(folder: Path, method: Method) -> bool:
     """Whether a folder holds a finished run of this method."""
-    return (folder / METRICS).exists() and _recipe_in(folder) == recipe_of(method)
+    if not (folder / METRICS).exists():
+        return False
+    config = folder / CONFIG
+    masked = config.exists() and read_object(config, REMEDY).get("masks") is not None
+    return _recipe_in(folder) == recipe_of(method, masked)
 
 
 def _recipe_in(folder: Path) -> Any:
@@ -77,12 +86,12 @@ def train_method(config: TrainConfig, name: str, folder: Path, start: Path) -> N
     method = METHODS[name]
     config = replace(config, preset=name if name in RECIPES else "paper")  # the nearest; recipe.json has the numbers
     config = replace(config, steps=round(config.steps * method.length))
-    stopped = (folder / CHECKPOINT).exists()
-    resume = stopped and _recipe_in(folder) == recipe_of(method)
+    stopped, recipe = (folder / CHECKPOINT).exists(), recipe_of(method, config.masks is not None)
+    resume = stopped and _recipe_in(folder) == recipe
     if stopped and not resume:
         (folder / CHECKPOINT).unlink()  # of another recipe
     begin = start if method.from_the_start else None
-    train(config, folder, resume=resume, recipe=method.recipe, start=begin, method=recipe_of(method))
+    train(config, folder, resume=resume, recipe=method.recipe, start=begin, method=recipe)
 
 
 def draw_in_turn(dataset: Dataset, config: TrainConfig, folders: Sequence[Path]) -> None:

@@ -38,6 +38,7 @@ class Method:
     deviations: str = ""  # in what it is not what the authors published
     whole: bool = False  # trained from the first step on, not from the densified start
     revision: int = 1  # one more where the method changes and its numbers do not: earlier runs are not of it
+    masked_revision: int = 1  # likewise, where it changes for photographs with masks alone
 
     @property
     def grows(self) -> bool:
@@ -75,26 +76,31 @@ DENSIFIED = (
 AS_PUBLISHED = {
     "3dgs": Method("3DGS, 100 %", RECIPES["3dgs"], "Kerbl et al. 2023", DENSIFIED),
     "opacity": Method("opacity", Recipe(pruning=EQUAL, score=OPACITY), "smallest opacities go, in five equal rounds"),
-    "radsplat": Method("RadSplat", radsplat.RECIPE, "Niemeyer et al. 2024", radsplat.DEVIATIONS),
+    "radsplat": Method("RadSplat", radsplat.RECIPE, "Niemeyer et al. 2024", radsplat.DEVIATIONS, masked_revision=2),
     "mini_splatting": Method(
-        "Mini-Splatting", mini_splatting.RECIPE, "Fang and Wang 2024", mini_splatting.DEVIATIONS, revision=2
+        "Mini-Splatting", mini_splatting.RECIPE, "Fang and Wang 2024", mini_splatting.DEVIATIONS, revision=2,
+        masked_revision=2,
+    ),  # fmt: skip
+    "lightgaussian": Method(
+        "LightGaussian", lightgaussian.RECIPE, "Fan et al. 2024", lightgaussian.DEVIATIONS, masked_revision=2
     ),
-    "lightgaussian": Method("LightGaussian", lightgaussian.RECIPE, "Fan et al. 2024", lightgaussian.DEVIATIONS),
-    "pup": Method("PUP-3DGS", pup.RECIPE, "Hanson et al. 2025", pup.DEVIATIONS),
+    "pup": Method("PUP-3DGS", pup.RECIPE, "Hanson et al. 2025", pup.DEVIATIONS, masked_revision=2),
     "speedy_splat": Method("Speedy-Splat", speedy_splat.RECIPE, "Hanson et al. 2025", speedy_splat.DEVIATIONS),
     "mask_gaussian": Method(
         "MaskGaussian", mask_gaussian.RECIPE, "Liu et al. 2025", mask_gaussian.DEVIATIONS, whole=True, revision=2
     ),
-    "lp_3dgs": Method("LP-3DGS", lp_3dgs.RECIPE, "Zhang et al. 2024", lp_3dgs.DEVIATIONS),
+    "lp_3dgs": Method("LP-3DGS", lp_3dgs.RECIPE, "Zhang et al. 2024", lp_3dgs.DEVIATIONS, masked_revision=2),
     "gaussian_spa": Method(
-        "GaussianSpa", gaussian_spa.RECIPE, "Zhang et al. 2025", gaussian_spa.DEVIATIONS, revision=2
+        "GaussianSpa", gaussian_spa.RECIPE, "Zhang et al. 2025", gaussian_spa.DEVIATIONS, revision=2, masked_revision=2
     ),
-    "gns": Method("GNS", gns.RECIPE, "arXiv 2511.16980", gns.DEVIATIONS, revision=3),
-    "taming": Method("Taming-3DGS", taming.RECIPE, "Mallick et al. 2024", taming.DEVIATIONS, revision=3),
+    "gns": Method("GNS", gns.RECIPE, "arXiv 2511.16980", gns.DEVIATIONS, revision=3, masked_revision=2),
+    "taming": Method(
+        "Taming-3DGS", taming.RECIPE, "Mallick et al. 2024", taming.DEVIATIONS, revision=3, masked_revision=2
+    ),
     "dash": Method("DashGaussian", dash.RECIPE, "Chen et al. 2025", dash.DEVIATIONS, revision=2),
     "mcmc": Method("3DGS-MCMC", mcmc.RECIPE, "Kheradmand et al. 2024", mcmc.DEVIATIONS),
     "improved_gs": Method(
-        "Improved-GS", improved_gs.RECIPE, "Deng et al. 2025", improved_gs.DEVIATIONS, revision=2
+        "Improved-GS", improved_gs.RECIPE, "Deng et al. 2025", improved_gs.DEVIATIONS, revision=2, masked_revision=2
     ),
     "3dgs_capped": Method("3DGS, capped", capped.RECIPE, "Kerbl et al. 2023, with the budget as its cap"),
     # the ablation: each adds one part to the one before it (paper, Table 3)
@@ -137,7 +143,10 @@ def equal(name: str) -> Method:
     """A method with our window and step sizes."""
     known = AS_PUBLISHED[name]
     words = "; ".join(filter(None, [EQUAL_STEPS, known.deviations]))
-    return Method(f"{known.label}, our steps", EQUAL_RECIPES[name], known.source, words, revision=known.revision)
+    return Method(
+        f"{known.label}, our steps", EQUAL_RECIPES[name], known.source, words,
+        revision=known.revision, masked_revision=known.masked_revision,
+    )  # fmt: skip
 
 
 WITH_OURS = {name + SUFFIX: equal(name) for name in EQUAL_RECIPES}

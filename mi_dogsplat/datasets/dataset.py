@@ -13,6 +13,7 @@ import numpy as np
 
 from ..scene.cameras import Camera, spread_of
 from ..support.errors import DataError
+from ..support.files import encoded_name
 
 if TYPE_CHECKING:
     from .lens import Undistortion
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 TEST_EVERY = 8  # as in LLFF and 3DGS: images 0, 8, 16, ... by sorted name are held out
 SPLITS = ("test", "validation")
 # of names of pictures that are written beside NAME.png of a view (evaluate.py, mixture.py, misfits.py)
-PICTURE_ENDS = ("_gt", "_error", "_gaussian", "_dog", "_plain", "_plain_error")
+PICTURE_ENDS = ("_gt", "_error", "_mask", "_gaussian", "_dog", "_plain", "_plain_error")
 MAX_FILE_NAME = 255  # bytes, on the usual file systems
 IMAGES = r"images(_\d+)?"  # folders of a data set's images, and of smaller copies
 
@@ -237,11 +238,11 @@ def counted_order(name: str) -> tuple[list[str | int], str]:
 
 def require_unique_names(path: Path, names: Sequence[str]) -> None:
     """Raise ``DataError`` where two views would share a name or an output file: "a" and "a_gt" both write a_gt.png; and
-    where the name of such a file would be longer than ``MAX_FILE_NAME``."""
+    where the name of such a file would be longer than ``MAX_FILE_NAME``, or none in the locale of the system."""
     seen: set[str] = set()
     most = MAX_FILE_NAME - max(len(f"{end}.png") for end in PICTURE_ENDS)
     for name in names:
-        if (size := len(os.fsencode(name))) > most:
+        if (size := len(encoded_name(name, path))) > most:
             problem = f'the view "{name[:40]}…" has a name of {size} bytes, too long for those of its pictures'
             raise DataError(path, problem, f"shorten the name of the image, or of its folders, to {most}")
         if name in seen:

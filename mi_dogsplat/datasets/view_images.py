@@ -22,6 +22,7 @@ import numpy as np
 from ..scene.cameras import Camera
 from ..support.cores import usable_cores
 from ..support.errors import DataError
+from ..support.files import encoded_name
 from ..support.memory import available_memory
 from ..support.wording import counted, file_size
 from .dataset import Recording, View, held
@@ -53,6 +54,8 @@ def rig_frames(sources: Sequence[ViewSource]) -> dict[str, int]:
 def require_files(paths: Sequence[Path]) -> None:
     """Raise ``DataError`` that names the first missing image and how many are missing."""
     missing = [path for path in paths if not is_file(path)]
+    for path in missing:
+        encoded_name(path.name, path)
     if missing:
         raise DataError(
             missing[0],

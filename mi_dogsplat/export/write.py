@@ -22,6 +22,7 @@ from ..formats.write import require_encoder, write_model
 from ..inspection.unneeded import Unneeded
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL
+from ..runs.masks_of_run import without_masks_of_run
 from ..scene.appearance import APPEARANCE, read_appearance
 from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.radiance import from_units_of_white
@@ -100,7 +101,9 @@ def export_model(
         refuse("masks", "is for photographs, and none are used", "add --data DATA, or leave it out")
     dataset = load_dataset(looked_at, options.shrink) if looked_at else None
     masks = Masks(config.masks, dataset.views) if dataset and config.masks else None
-    left_out += without_mask(config.masks, (view.name for view in dataset.views)) if dataset else []
+    if dataset:
+        left_out += without_mask(config.masks, (view.name for view in dataset.views))
+        left_out += without_masks_of_run(model, config.masks)
     steps = steps_for(dataset) if steps is None else steps
     if steps:
         if Unneeded.of(plain).invisible.all():

@@ -15,7 +15,7 @@ from typing import Any
 from ..support.errors import DataError
 from ..support.files import remove_parts
 from ..support.locks import locked
-from ..support.resumable import begin
+from ..support.resumable import begun
 
 SUFFIXES = (".png", ".exr")
 SETTINGS = "film.json"
@@ -47,12 +47,14 @@ class NumberedPictures:
 
     @contextmanager
     def claimed(self, settings: Mapping[str, Any]) -> Iterator[None]:
-        """Make the folder, or find one of the same ``settings``; it is ours alone then.
+        """Make the folder, or find one of the same ``settings``; it is ours alone then. Where no picture comes of it,
+        as with a disk that is full, none is begun.
 
         Raises ``DataError`` for any other folder, and for one that another process is writing to.
         """
-        begin(self.folder / SETTINGS, json.loads(json.dumps({**settings, "pictures": self._pattern})), "film")
-        with locked(self.folder, "another process is writing frames to it"):
+        own = json.loads(json.dumps({**settings, "pictures": self._pattern}))
+        beside = "another process is writing frames to it"
+        with begun(self.folder / SETTINGS, own, "film"), locked(self.folder, beside):
             remove_parts(self.folder)
             yield
 

@@ -60,8 +60,9 @@ def evaluate_views(
     Args:
         picture: renders a view (with depth if it is to be stored).
         background: grey level behind images with alpha.
-        out: folder for ``<name>.png``, ``<name>_gt.png``, ``<name>_error.png`` (FLIP) and ``<name>.exr``
-            (linear colour and alpha, depth, FLIP error); None writes nothing.
+        out: folder for ``<name>.png``, ``<name>_gt.png``, ``<name>_error.png`` (FLIP, of all pixels),
+            ``<name>_mask.png`` (white where pixels count) if the view has a mask, and ``<name>.exr`` (linear colour and
+            alpha, depth, FLIP error); None writes nothing.
         measure: what else is measured.
     """
     if out is not None:
@@ -147,10 +148,12 @@ def _metrics(seen: _Seen, measure: Measure) -> dict[str, float]:
 
 
 def _write(seen: _Seen, background: float, out: Path) -> None:
-    shown, original, errors, channels = view_files(out, seen.view.name)
+    shown, original, errors, mask, channels = view_files(out, seen.view.name)
     write_png(shown, seen.color)
     write_png(original, seen.truth)
     write_png(errors, heat_map(seen.error))
+    if seen.mask is not None:
+        write_png(mask, seen.mask)
     layers = {"color": premultiplied(seen.picture, background), "error": seen.error}
     if seen.picture.depth is not None:
         layers["depth"] = seen.picture.depth
@@ -158,8 +161,9 @@ def _write(seen: _Seen, background: float, out: Path) -> None:
 
 
 def view_files(folder: Path, name: str) -> list[Path]:
-    """Where ``evaluate_views`` writes a view: the render, its photograph, the map of FLIP, and OpenEXR channels."""
-    return [folder / f"{name}{end}" for end in (".png", "_gt.png", "_error.png", ".exr")]
+    """Where ``evaluate_views`` writes a view: the render, its photograph, the map of FLIP, the mask of those that have
+    one, and OpenEXR channels."""
+    return [folder / f"{name}{end}" for end in (".png", "_gt.png", "_error.png", "_mask.png", ".exr")]
 
 
 def _after_fits(

@@ -76,14 +76,17 @@ def shares(views: Sequence[RankedView]) -> list[float]:
 
 
 def sheet(view: RankedView, folder: Path) -> Sheet:
-    """Render, ground truth and FLIP map of one view, in full and enlarged where the error is largest."""
+    """Render, ground truth and FLIP map of one view, in full and enlarged where the error of what counts is largest."""
     suffixes = {"Render": "", "Ground truth": "_gt", "FLIP error": "_error"}
     pictures, missing = read_pictures({what: folder / f"{view.name}{end}.png" for what, end in suffixes.items()})
     full, close_ups = [], []
     size = next(iter(pictures.values())).size if pictures else (0, 0)
     box = None
     if "FLIP error" in pictures and all(p.size == size for p in pictures.values()):
-        box = worst_box(np.asarray(pictures["FLIP error"].convert("L"), np.float64))
+        error = np.asarray(pictures["FLIP error"].convert("L"), np.float64)
+        mask = read_pictures({"": folder / f"{view.name}_mask.png"})[0].get("")
+        counts = mask is None or mask.size != size or np.asarray(mask.convert("L")) > 0
+        box = worst_box(np.where(counts, error, 0))
     for what, picture in pictures.items():
         full.append(Figure(what, embedded_jpeg(picture), size, [frame(box, size)] if box else []))
         if box:

@@ -24,6 +24,7 @@ from ..support.variants import require_arrays
 from ..training.config import TrainConfig
 from ..training.initialize import model_to_prune
 from ..training.recipe import Recipe
+from ..training.resolve import start_of
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints
 from .finish import finish
@@ -110,14 +111,9 @@ def train(
     """
     require_arrays(config.variant)
     out = Path(out)
-    if not resume:
-        require_no_stopped_run(out)
-    check_world(config.up, config.scale, config.unit)
-    check_inputs(config, out)
+    _check_settings(config, out, resume)
     # what is wrong with a model shows before the data set takes its time
     model = None if config.model is None else model_to_prune(config.model, config.target, config.format)
-    if config.refine_poses:
-        require_photographs(Path(config.data))
     dataset = _dataset_of(config)
     config = _placed(config, dataset)
     trainer = Trainer(config, dataset, recipe, model)
@@ -134,6 +130,24 @@ def train(
         told({"step": trainer.step_count, "n": trainer.optimizer.n, "measured": len(trainer.dataset.test)})
         with stopped_with(MEASURING):
             return finish(trainer, trainer.dataset, out)
+
+
+def check_run(config: TrainConfig, out: Path, resume: bool = False) -> None:
+    """Raise the ``DataError`` that ``train`` raises for these settings before its first step, as far as that is known
+    without a photograph in memory. Nothing is written."""
+    require_arrays(config.variant)
+    _check_settings(config, out, resume)
+    dataset = load_dataset(config.data, config.downscale, spp=1, on_disk=True, split=config.split)
+    start_of(_placed(config, dataset), dataset)
+
+
+def _check_settings(config: TrainConfig, out: Path, resume: bool) -> None:
+    if not resume:
+        require_no_stopped_run(out)
+    check_world(config.up, config.scale, config.unit)
+    check_inputs(config, out)
+    if config.refine_poses:
+        require_photographs(Path(config.data))
 
 
 def train_until(config: TrainConfig, out: Path, step: int, resume: bool = False) -> Path:

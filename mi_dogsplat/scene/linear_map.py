@@ -34,7 +34,8 @@ def check_regular(linear: Array) -> None:
         sizes = np.linalg.svd(linear, compute_uv=False)
         if sizes[-1] > FLATTEST * sizes[0]:
             return
-    raise ValueError("a model cannot be flattened: this matrix collapses it, or is not finite")
+    problem = "a model cannot be flattened: this matrix collapses it, or is not finite"
+    raise ValueError(f"{problem}; give it finite numbers, and a scale along each axis that is not 0")
 
 
 def mapped_kernels(linear: Array, quats: Array, scales: Array) -> tuple[Array, Array]:

@@ -55,7 +55,7 @@ def central_camera_from_mitsuba(sensor: Any) -> Camera:
     film_width, film_height = (int(n) for n in sensor.film().size())
     width, height = (int(n) for n in sensor.film().crop_size())
     left, top = (int(n) for n in sensor.film().crop_offset())
-    focal = 0.5 * film_width / math.tan(math.radians(_scalar(parameters, "x_fov")) / 2)
+    focal = 0.5 * film_width / math.tan(math.radians(_field_of_view(sensor, parameters)) / 2)
     # The offset is a fraction of the whole film, and moves the picture against its sign.
     offsets = [f"principal_point_offset_{axis}" for axis in "xy"]  # a lens has none
     offset_x, offset_y = (_scalar(parameters, name) if name in parameters else 0.0 for name in offsets)
@@ -137,6 +137,15 @@ def camera_to_mitsuba(camera: Camera, near_clip: float = 0.01, far_clip: float =
             "rfilter": {"type": "box"},  # a pixel is the mean over its area, as in the data sets' downscaling
         },
     }
+
+
+def _field_of_view(sensor: Any, parameters: Any) -> float:
+    """Over the whole film, degrees. Raises ``Wrong`` for one by which no focal length is finite and above 0."""
+    angle = _scalar(parameters, "x_fov")
+    if not 0 < angle < 180:  # NaN among them
+        named = f' of the sensor "{sensor.id()}"' if sensor.id() and not sensor.id().startswith("_") else ""
+        raise Wrong(f'"x_fov"{named} is {angle:g} degrees', "give a field of view above 0 and below 180")
+    return angle
 
 
 def _scalar(parameters: Any, name: str) -> float:

@@ -39,12 +39,12 @@ def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndar
     linear, translation = matrix[:3, :3], matrix[:3, 3]
     if not np.isfinite(matrix).all():
         raise ValueError("a model cannot be moved: this matrix is not finite; correct it")
-    det = np.linalg.det(linear)
-    scale = float(np.cbrt(abs(det)))
-    if det == 0 or not np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
+    check_regular(linear)
+    scale = float(np.cbrt(abs(np.linalg.det(linear))))
+    if not np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
         raise ValueError(
-            "a model can be rotated, mirrored, scaled uniformly and translated here; this matrix shears, stretches or "
-            "collapses it; load the shape with it, or give a rotation an axis of length 1"
+            "a model can be rotated, mirrored, scaled uniformly and translated here; this matrix shears or stretches "
+            "it; load the shape with it, or give a rotation an axis of length 1"
         )
     return linear / scale, scale, translation
 

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shutil
+import sys
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -54,6 +55,16 @@ def replacing(path: str | Path) -> Iterator[Path]:
             part.unlink(missing_ok=True)
     if os.name == "posix":  # elsewhere a folder cannot be opened
         _to_disk(target.parent)
+
+
+def encoded_name(name: str, where: Path) -> bytes:
+    """The name of a file as the system has it. Raises ``DataError``, of the file ``where`` it was found, for letters
+    that the encoding of the locale lacks."""
+    try:
+        return os.fsencode(name)
+    except UnicodeEncodeError:
+        problem = f'no file can be called "{name}" in a locale whose names are {sys.getfilesystemencoding()}'
+        raise DataError(where, problem, "set PYTHONUTF8=1, or LC_ALL=C.UTF-8") from None
 
 
 def written_file(path: Path) -> Path:

@@ -37,13 +37,13 @@ def begun(
     """``begin`` for a block that fills the folder. Where it ends with an error and has left nothing there, no settings
     remain either: what was wrong can be corrected and tried again under the same name."""
     is_new, is_made = not file.exists(), not file.parent.exists()
-    begin(file, settings, kind, free, before)
     try:
+        begin(file, settings, kind, free, before)
         yield
     except BaseException:
-        if is_new and all(path.name in (file.name, *LITTER) for path in file.parent.iterdir()):
-            with suppress(OSError):  # what ended the block is told
-                file.unlink()
+        with suppress(OSError):  # what ended the block is told
+            if is_new and all(path.name in (file.name, *LITTER) for path in file.parent.iterdir()):
+                file.unlink(missing_ok=True)  # of a disk that was full it is not there
                 if is_made:
                     file.parent.rmdir()
         raise

@@ -2,21 +2,68 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ..datasets import Dataset
+from ..datasets.dataset import camera_extent
+from ..formats.model import Model
 from ..scene.drawing import DrawnAs
+from ..scene.finite import finite_rows
 from ..scene.row_groups import BESIDE_COLORS, DOG, RowGroup
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .config import TrainConfig
+from .initialize import initial_splats
 from .memory_budget import Budget, Later, budget
 from .optimizer.preconditioning import n_products
 from .presets import RECIPES
 from .recipe import Recipe
 from .strategy.pose_refinement import PoseRefinement
+from .strategy.sieve import Sieve
 
 NEAR_SHARE = 1 / 16  # of the camera extent: the near clip of captures in small units
+
+
+@dataclass(frozen=True)
+class Start:
+    """What a run begins with: its data set and settings as they decide each other, and the primitives.
+
+    ``extent`` is that of the cameras, and ``near_clip`` that of the settings, world units; ``memory`` is None where
+    nobody knows how much there is.
+    """
+
+    dataset: Dataset
+    config: TrainConfig
+    recipe: Recipe
+    extent: float
+    near_clip: float
+    splats: Splats
+    sieve: Sieve
+    memory: Budget | None
+
+
+def start_of(
+    config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None, model: Model | None = None
+) -> Start:
+    """The start of a run by the settings, or by a ``recipe`` in place of their preset's; no photograph is read.
+
+    ``model`` is the ``model_to_prune`` of the settings, where that has been read. Raises ``DataError`` for settings
+    that are not for these data, and for primitives that do not fit into the memory or are all in the near zone.
+    """
+    dataset = exposed(config, dataset)
+    recipe = recipe_of_run(config, recipe)
+    extent = camera_extent(dataset.train)
+    near_clip = near_clip_of(config, extent)
+    config = replace(config, near_clip=near_clip, white=dataset.white)
+    splats = initial_splats(config, dataset, recipe.start_limit(config.target) or config.max_primitives, model)
+    sieve = Sieve(config.near_zone)
+    means = splats.means[finite_rows(splats.means)]  # of a model that is to be pruned some may be broken
+    if sieve.near_zone and len(means):
+        sieve.near(means, np.array([view.camera.position for view in dataset.train]))
+    memory = memory_of(config, dataset, recipe, splats)
+    return Start(dataset, config, recipe, extent, near_clip, splats, sieve, memory)
 
 
 def exposed(config: TrainConfig, dataset: Dataset) -> Dataset:

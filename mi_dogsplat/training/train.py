@@ -18,7 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..datasets import Dataset
-from ..datasets.dataset import View, camera_extent
+from ..datasets.dataset import View
 from ..datasets.depths import Depths
 from ..engine.arrays import backward
 from ..engine.device_camera import DeviceCamera
@@ -38,15 +38,13 @@ from .config import TrainConfig
 from .events import Event
 from .images.known_depth import KnownDepths
 from .images.photographs import Photographs
-from .initialize import initial_splats
 from .loss_means import LossMeans
 from .optimizer.learning_rates import LearningRates
 from .optimizer.splat_optimizer import SplatOptimizer
 from .recipe import Recipe
-from .resolve import exposed, memory_of, near_clip_of, recipe_of_run
+from .resolve import start_of
 from .strategy.broken import broken
 from .strategy.sh_ramp import ShRamp
-from .strategy.sieve import Sieve
 from .strategy.strategy import Seen, Strategy
 from .trainer_state import restore, state_of
 
@@ -62,15 +60,11 @@ class Trainer:
     def __init__(
         self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None, model: Model | None = None
     ):
-        self.dataset = dataset = exposed(config, dataset)
-        self.recipe = recipe = recipe_of_run(config, recipe)
+        start = start_of(config, dataset, recipe, model)
+        self.dataset, self.config, self.recipe = dataset, config, recipe = start.dataset, start.config, start.recipe
         self.background = background_color(config.background, dataset.has_alpha)
-        self.extent = camera_extent(dataset.train)
-        self.near_clip = near_clip_of(config, self.extent)
-        self.config = config = replace(config, near_clip=self.near_clip, white=dataset.white)
-        splats = initial_splats(config, dataset, recipe.start_limit(config.target) or config.max_primitives, model)
-        self.n_start = splats.n_splats
-        self.memory = memory_of(config, dataset, recipe, splats)
+        self.extent, self.near_clip = start.extent, start.near_clip
+        self.n_start, self.memory = start.splats.n_splats, start.memory
         self.rng = np.random.default_rng(config.seed)
         self.photographs = Photographs(
             dataset, self.background, self.near_clip, random=config.background == "random", masks=config.masks,
@@ -84,13 +78,13 @@ class Trainer:
             refinement=recipe.refinement, preconditioning=recipe.preconditioning,
             batch_views=config.batch_views, views=len(dataset.train),
         )  # fmt: skip
-        self.optimizer = SplatOptimizer(splats, rates, self.photographs.curve)
+        self.optimizer = SplatOptimizer(start.splats, rates, self.photographs.curve)
         self.steps, self.target = config.steps, 0.0 if config.target_bytes else float(config.target)
         self.step_count, self.seconds = 0, 0.0
         self.ended = False  # whether what is due after the last step is done
         self.order: list[int] = []  # of the views that are still to come in this turn, from its end
         self.losses = LossMeans()
-        self.sieve = Sieve(config.near_zone)
+        self.sieve = start.sieve
         kind = FileKind(config.format, self.drawing, in_units_of_white=True)
         size = None if config.target_bytes is None else (config.target_bytes, kind)
         self.strategies = recipe.strategies(self.sieve, size)

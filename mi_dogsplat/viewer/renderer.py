@@ -13,6 +13,7 @@ from ..engine.options import RasterOptions
 from ..engine.parameters import upload
 from ..render.picture import photograph as shown
 from ..render.picture import render_picture
+from ..scene.appearance import Appearance, photographed, radii_squared
 from ..scene.cameras import Camera
 from ..scene.drawing import DrawnAs
 from ..scene.kinds import varying
@@ -63,13 +64,15 @@ class Drawn:
 class Renderer:
     """Draws a model that can be replaced; parts of it go to the device when they are first asked for."""
 
-    def __init__(self, splats: Splats, drawn: DrawnAs, views: Sequence[View] = ()):
+    def __init__(
+        self, splats: Splats, drawn: DrawnAs, views: Sequence[View] = (), appearance: Appearance | None = None
+    ):
         self.views = list(views)
-        self.replace(splats, drawn)
+        self.replace(splats, drawn, appearance)
 
-    def replace(self, splats: Splats, drawn: DrawnAs) -> None:
-        """Draw another model from now on."""
-        self.splats, self.drawn = splats, drawn
+    def replace(self, splats: Splats, drawn: DrawnAs, appearance: Appearance | None = None) -> None:
+        """Draw another model from now on, and compare it with photographs of this appearance, where that is known."""
+        self.splats, self.drawn, self.appearance = splats, drawn, appearance
         self._params: dict[str, tuple[dict, int]] = {}  # and the SH degree of the part
 
     @property
@@ -93,7 +96,7 @@ class Renderer:
             if show == PHOTOGRAPH:
                 image = photograph
             else:
-                error = np.abs(self._render(MODEL, view.camera, settings) - photograph).mean(axis=-1)
+                error = np.abs(self._taken(view, settings) - photograph).mean(axis=-1)
                 image, about = _as_colors(error, settings.gain), f"{about}: mean error {error.mean():.4f}"
             image = fitted(image, camera.width, camera.height)
         elif show in DIFFERENCES:
@@ -110,6 +113,14 @@ class Renderer:
         if view.white is not None:  # a display value of 1 is a radiance of 1
             view = replace(view, white=self.drawn.white if self.drawn.linear else 1.0)
         return shown(view, settings.background)
+
+    def _taken(self, view: View, settings: Settings) -> Array:
+        """[H, W, 3] in 0..1, the model as the camera of a view took it, as far as that was learned."""
+        image = self._render(MODEL, view.camera, settings)
+        if self.appearance is None or view.white is not None:
+            return image
+        numbers = self.appearance.numbers(view.camera, view.name)
+        return np.clip(photographed(image, radii_squared(view.camera), numbers), 0, 1)
 
     def _render(self, part: str, camera: Camera, settings: Settings) -> Array:
         """[H, W, 3] in 0..1."""

@@ -76,7 +76,7 @@ class Server:
         views = [*dataset.test, *dataset.train] if dataset else []
         drawn = self._drawn(splats, bool(views))
         options.require_for(drawn.linear)
-        self.renderer = Renderer(splats, drawn, views)
+        self.renderer = Renderer(splats, drawn, views, source.appearance)
         self.settings = Settings(background=background, sh_degree=splats.sh_degree)
         self.visitors: dict[int, tuple[Any, Pace]] = {}
         self._running, self._polled = True, time.monotonic()
@@ -188,7 +188,7 @@ class Server:
         if found:
             splats, self.what = found
             self._offer_degrees(splats.sh_degree)
-            self.renderer.replace(splats, self._drawn(splats, bool(self.renderer.views)))
+            self.renderer.replace(splats, self._drawn(splats, bool(self.renderer.views)), self.source.appearance)
             self._show.options = self.renderer.choices
         if found or self._trouble != before:
             self._everybody_changed()
@@ -266,12 +266,12 @@ def serve(
 
 
 def _dataset(data: str | Path | None, source: Source, options: PictureOptions) -> Dataset | None:
-    """The data set that is named, or that of the run if it is still there."""
+    """The data set that is named, or that of the run if it is still there; either as the run was trained on its own,
+    which may have moved."""
     from ..datasets import load_dataset
 
-    if data:
-        return load_dataset(data, options.shrink)
-    if not source.data:
+    path = data or source.data
+    if not path:
         return None
     split, on_disk = source.config.get("split", "test"), source.config.get("data_on_disk", False)
-    return load_dataset(source.data, options.or_trained(source.config).shrink, on_disk=on_disk, split=split)
+    return load_dataset(path, options.or_trained(source.config).shrink, on_disk=on_disk, split=split)

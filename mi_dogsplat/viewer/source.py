@@ -10,6 +10,7 @@ import numpy as np
 from ..formats.read import files_of, read_model
 from ..report.run_folder import MODEL, read_run
 from ..runs.checkpoint import CHECKPOINT, load_checkpoint
+from ..scene.appearance import APPEARANCE, Appearance, read_appearance
 from ..scene.drawing import Drawing
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
@@ -33,6 +34,7 @@ class Source:
         said["scale"] = self.config.get("unit")
         linear = None if self.white is None else True
         self._of_run = Drawing(**said, linear=linear, white=self.white)
+        self.appearance: Appearance | None = None  # of its photographs, where a run that has ended has learned it
         self.drawing = self._of_run  # what the run, or a file once it is read, says
         self._files: list[Path] = []  # of which it was made when it was last read
         self._seen: list[tuple] = []
@@ -50,6 +52,8 @@ class Source:
             model = read_model(file)
             self.drawing = self._of_run.over(model.drawing)
             found = model.splats, file.name
+        learned = self.path / APPEARANCE
+        self.appearance = read_appearance(learned) if self.is_run and learned.is_file() else None
         self._files, self._seen = files, seen
         return found
 

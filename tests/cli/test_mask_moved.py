@@ -7,9 +7,10 @@ import signal
 import numpy as np
 import pytest
 import tiny_data
-from command_line import run
+from command_line import assert_one_line, run
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.masking.first_model import PRIMITIVES, STEPS, settings_of_first
+from mi_dogsplat.runs.checkpoint import CHECKPOINT
 from mi_dogsplat.support.pictures import write_png
 from mi_dogsplat.training.config import TrainConfig
 from PIL import Image
@@ -34,10 +35,32 @@ def masked_in(path) -> np.ndarray:
         return np.asarray(image) < 128
 
 
-def test_what_the_small_model_refuses_leaves_no_folder(capsys, data, tmp_path):
-    status, _, error = run(capsys, "train", data, "-o", tmp_path / "run", *FLAGS, "--mask-moved", "--white", 2)
-    assert status == 2 and "--white" in error
+@pytest.mark.parametrize("flags", [["--white", 2], ["--near-zone", 1e9], ["--memory", "150M"], ["--batch-views", 0]])
+@pytest.mark.parametrize("search", [[], ["--mask-moved"]])
+def test_what_a_training_refuses_leaves_no_folder_and_is_told_before_a_small_model_is_trained(
+    capsys, data, tmp_path, flags, search
+):
+    assert_one_line(run(capsys, "train", data, "-o", tmp_path / "run", *FLAGS, *search, *flags), flags[0])
     assert not (tmp_path / "run").exists()
+
+
+def test_what_only_the_large_training_refuses_is_told_before_a_small_model_is_trained(capsys, data, tmp_path):
+    out = tmp_path / "stopped"
+    (out / "checkpoint").mkdir(parents=True)
+    for file in ("config.json", CHECKPOINT):
+        (out / file).write_text("{}")
+    assert_one_line(run(capsys, "train", data, "-o", out, *FLAGS, "--mask-moved"), f"{out}: holds a training that was")
+    assert sorted(path.name for path in out.iterdir()) == ["checkpoint", "config.json"]
+
+    large = ["--max-primitives", 10**9, "--initial-primitives", 10**5, "--memory", "450M"]
+    (bare := tmp_path / "bare").mkdir()
+    content = json.loads((data / "transforms.json").read_text())
+    content.pop("ply_file_path")
+    (bare / "transforms.json").write_text(json.dumps(content))
+    shutil.copytree(data / "images", bare / "images")
+    out = tmp_path / "large"
+    assert_one_line(run(capsys, "train", bare, "-o", out, *FLAGS, *large, "--mask-moved"), "100,000 primitives needs")
+    assert not out.exists()
 
 
 def test_one_command_masks_what_moved_and_trains(capsys, data, tmp_path):

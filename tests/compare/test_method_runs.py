@@ -63,3 +63,20 @@ def test_a_run_of_an_earlier_version_is_complete_though_it_did_not_write_down_wh
     recipe["recipe"]["refinement"]["gain"] += 1
     write_json(tmp_path / method_runs.RECIPE, recipe)
     assert not method_runs.is_complete(tmp_path, method)
+
+
+@pytest.mark.parametrize("masks", [None, "masks"])
+@pytest.mark.parametrize("name", ["taming", "radsplat_equal", "ours"])
+def test_a_run_by_a_score_that_did_not_heed_masks_is_not_of_this_version_where_there_are_some(
+    tmp_path, monkeypatch, name, masks
+):
+    method = method_runs.METHODS[name]
+    write_json(tmp_path / METRICS, {})
+    write_json(tmp_path / "config.json", {"masks": masks})
+    write_json(tmp_path / method_runs.RECIPE, method_runs.recipe_of(method))  # what a run without masks keeps
+    assert method_runs.is_complete(tmp_path, method) == (masks is None or name == "ours")
+    kept = []
+    monkeypatch.setattr(method_runs, "train", lambda *given, method, **how: kept.append(method))
+    method_runs.train_method(TrainConfig("photos", target=100, masks=masks), name, tmp_path, tmp_path / "start")
+    write_json(tmp_path / method_runs.RECIPE, kept[0])
+    assert method_runs.is_complete(tmp_path, method)

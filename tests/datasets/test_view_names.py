@@ -1,6 +1,10 @@
 """Names of views that share an output file are refused as the data are read, before hours of training."""
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 from unicodedata import normalize
 
 import pytest
@@ -34,6 +38,24 @@ def test_names_of_pictures_fit_into_a_folder(tmp_path):
     for name in ("a" * (longest + 1), "é" * (longest // 2 + 1)):
         with pytest.raises(DataError, match=r"a name of 240 bytes, too long for those of its pictures; .* to 239"):
             require_unique_names(tmp_path, ["b", name])
+
+
+@pytest.mark.parametrize("kind", ["colmap", "transforms"])
+def test_a_name_that_no_file_has_in_the_locale_is_one_line(tmp_path, kind):
+    {"colmap": colmap_folder, "transforms": transforms_folder}[kind](tmp_path)
+    old = sorted((tmp_path / "images").iterdir())[-1]
+    old.rename(old.with_name("tür.png"))
+    file = tmp_path / ("sparse/0/images.txt" if kind == "colmap" else "transforms.json")
+    file.write_text(file.read_text().replace(old.stem, "tür"), encoding="utf-8")
+    code = "import sys; from mi_dogsplat.datasets import load_dataset; print(sys.getfilesystemencoding()); "
+    code += "load_dataset(sys.argv[1])"
+    environment = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-c", code, tmp_path]
+    done = subprocess.run(command, env=environment, cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    if done.stdout.strip() != "ascii":  # as of a system whose names are UTF-8 always
+        pytest.skip("the names of files are not those of the locale here")
+    assert "DataError" in done.stderr.splitlines()[-1] and "no file can be called" in done.stderr
+    assert "set PYTHONUTF8=1" in done.stderr.splitlines()[-1]
 
 
 def test_a_data_set_is_refused_as_it_is_read(data, tmp_path):

@@ -14,8 +14,10 @@ from mi_dogsplat.export.export_config import ExportConfig
 from mi_dogsplat.export.refine import by_data
 from mi_dogsplat.export.write import export_model
 from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.runs.inputs import note_inputs
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.support.pictures import write_png
+from mi_dogsplat.training.config import TrainConfig
 from photographs import left_half, write_masks
 from rendered_files import read_png
 
@@ -72,3 +74,17 @@ def test_masks_of_photographs_that_nobody_looks_at_are_refused_and_images_withou
     (tmp_path / "masks" / "1.png").unlink()
     status, told, _ = run(capsys, *command, "--data", spoiled, "--refine", 0)
     assert status == 0 and f"{tmp_path / 'masks'}: no mask for 1 of 8 images, such as 1" in told
+
+
+def test_an_export_and_a_measurement_of_a_run_with_masks_tell_to_give_them(capsys, spoiled, tmp_path):
+    (tmp_path / "run").mkdir()
+    model, masks = tmp_path / "run" / "point_cloud.ply", tmp_path / "masks"
+    write_ply(model, MODEL)
+    note_inputs(TrainConfig(str(spoiled), masks=str(masks)), tmp_path / "run")
+    line = f"{model} was trained with masks; what they hide counts here unless you give --masks {masks}"
+    export = ["export", model, "-o", tmp_path / "out.ply", "--data", spoiled, "--refine", 0]
+    for command in (export, ["eval", model, spoiled]):
+        assert line in run(capsys, *command)[1].splitlines()
+        assert "trained with masks" not in run(capsys, *command, "--masks", masks)[1]
+    shutil.copy(model, tmp_path / "elsewhere.ply")
+    assert "trained with masks" not in run(capsys, "eval", tmp_path / "elsewhere.ply", spoiled)[1]

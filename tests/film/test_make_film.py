@@ -225,6 +225,25 @@ def test_a_disk_that_is_full_in_the_middle_of_a_video_is_one_line(model, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("n", [0, 1])
+def test_a_disk_that_is_full_at_a_picture_is_one_line_and_nothing_stays_of_a_film_without_pictures(
+    model, tmp_path, capsys, monkeypatch, n
+):
+    from mi_dogsplat.film.model_frames import ModelFrames
+
+    def full(frames, file, number, *given, own=ModelFrames.write_exr):
+        if number == n:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
+        own(frames, file, number, *given)
+
+    monkeypatch.setattr(ModelFrames, "write_exr", full)
+    command = ["film", model, "-o", tmp_path / "new" / "f_%03d.exr", "--seconds", "0.1", "--size", "8", "8"]
+    status, _, error = run(capsys, *command)
+    assert status == 2 and error.splitlines()[-1].startswith(f"dogsplat: {tmp_path / 'new' / 'f_%03d.exr'}: cannot be")
+    left = sorted(path.name for path in tmp_path.glob("new/f*"))
+    assert left == (["f_000.exr", "film.json"] if n else []) and (tmp_path / "new").exists() == bool(n)
+
+
 @pytest.mark.parametrize("name", ["film.mp4", "frames"])
 def test_what_the_callers_function_raises_is_not_blamed_on_the_disk(model, tmp_path, name):
     def progress(done: int, n: int, what: str) -> None:

@@ -245,7 +245,7 @@ def test_a_film_can_be_stopped_within_a_frame(scene, tmp_path, monkeypatch, name
         make_scene_film(scene(), tmp_path / name, config=FEW, options=SceneOptions(spp=8))
     assert samples == [1]
     left = {str(entry.relative_to(tmp_path)) for entry in tmp_path.rglob("*")}
-    assert left - before == ({"f", "f/film.json"} if name == "f" else set())
+    assert left <= before  # pictures go on after those that are whole, and there are none
 
 
 def test_pictures_go_on_only_for_the_same_scene_and_options(scene, tmp_path, capsys):

@@ -76,6 +76,17 @@ def test_each_view_leaves_its_render_its_truth_its_error_and_an_exr(tmp_path):
     np.testing.assert_allclose(channels["RGBA"].pixels[..., :3], srgb_to_linear(1 - views[0].image), atol=1e-3)
 
 
+def test_the_mask_of_a_view_that_has_one_lies_beside_its_pictures(tmp_path):
+    views = [view(name, noise(0, height=40, width=60)) for name in "02"]
+    masks = Masks(mask_folder(tmp_path / "masks"), views)
+    evaluate_views(lambda v: flat(v.image), views, 0.0, tmp_path / "test", Measure(masks))
+    assert [path.name for path in (tmp_path / "test").glob("*_mask.png")] == ["2_mask.png"]
+    expected = masks.of(views[1])
+    assert expected is not None
+    counts = np.asarray(Image.open(tmp_path / "test" / "2_mask.png").convert("L")) > 0
+    np.testing.assert_array_equal(counts, expected > 0)
+
+
 def test_the_exr_of_a_view_over_white_is_premultiplied_without_the_white(tmp_path):
     color = noise(5)
     over_white = 0.25 * color + 0.75

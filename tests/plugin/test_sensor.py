@@ -51,6 +51,16 @@ def test_a_sensor_is_read_again_when_it_moves_zooms_or_another_one_is_given():
     assert read(other, 0.2).numbers == first.numbers
 
 
+@pytest.mark.parametrize("angle", [0.0, 180.0, -10.0, 200.0, np.nan])
+def test_a_field_of_view_that_no_camera_has_is_named_with_its_sensor(angle):
+    scene = mi.load_dict({"type": "scene", "eye": sensor_dict(CAMERA)})
+    params: Any = mi.traverse(scene)
+    params["eye.x_fov"] = angle
+    params.update()
+    with pytest.raises(ValueError, match=f'"x_fov" of the sensor "eye" is {angle:g} degrees; give a field of view'):
+        SensorReader().views(scene.sensors()[0], 0.2)
+
+
 def test_a_new_variable_in_the_place_of_one_that_is_gone_is_not_taken_for_it():
     sensor: Any = mi.load_dict(sensor_dict(CAMERA))
     params: Any = mi.traverse(sensor)

@@ -242,8 +242,18 @@ def test_to_world_is_one_affine_map_at_load_and_later(to_world, problem):
     params["to_world"] = mi.Transform4f().translate([0, 0, 1])
     params.update()
     np.testing.assert_allclose(shape.to_splats().means, MODEL.means + [0, 0, 1], atol=1e-6)
-    with pytest.raises(RuntimeError, match=f"dog: a model .*{problem}"):
+    with pytest.raises(RuntimeError, match=f'dog: "to_world": a model .*{problem}'):
         load(to_world=to_world())
+
+
+def test_a_to_world_that_flattens_is_told_with_the_name_of_the_shape_at_load_and_later():
+    flat, line = mi.ScalarTransform4f().scale([1, 0, 1]), 'dog: "to_world" of "cloud": a model cannot be flattened'
+    with pytest.raises(RuntimeError, match=line):
+        mi.load_dict({"type": "scene", "cloud": {**dog_dict(MODEL), "to_world": flat}})
+    params: Any = mi.traverse(mi.load_dict({"type": "scene", "cloud": dog_dict(MODEL)}))
+    params["cloud.to_world"] = mi.Transform4f(flat)
+    with pytest.raises(RuntimeError, match=line):
+        params.update()
 
 
 def test_an_update_to_coefficients_of_no_sh_degree_is_an_error():

@@ -10,7 +10,7 @@ import pytest
 from happenings import history_of
 from html_pages import parsed, rows, section, words
 from mi_dogsplat.report.pictures import embedded_jpeg, worst_box
-from mi_dogsplat.report.views import ranked, shown
+from mi_dogsplat.report.views import ranked, sheet, shown
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support import pictures
 from mi_dogsplat.support.errors import DataError
@@ -271,6 +271,19 @@ def test_the_close_up_covers_the_largest_error():
     left, top, width, height = worst_box(error)
     assert (width, height) == (30, 20)
     assert left <= 90 and left + width >= 110 and top <= 50 and top + height >= 60
+
+
+def test_the_close_up_of_a_view_with_a_mask_covers_the_largest_error_of_what_counts(tmp_path):
+    error, mask = np.zeros((80, 120, 3)), np.ones((80, 120))
+    error[50:60, 90:110], error[5:15, 10:30] = 1, 0.5
+    mask[40:] = 0
+    for name, picture in (("a", error), ("a_gt", error), ("a_error", error)):
+        pictures.write_png(tmp_path / f"{name}.png", picture)
+    (view,) = ranked({"a": {}})
+    (below,) = sheet(view, tmp_path).full[0].marks
+    pictures.write_png(tmp_path / "a_mask.png", mask)
+    (above,) = sheet(view, tmp_path).full[0].marks
+    assert below["top"] > 45 and above["left"] < 10 and above["top"] < 10  # percent of the picture
 
 
 def test_a_picture_that_is_noise_is_embedded_too():

@@ -129,11 +129,18 @@ def test_a_mirror_image_is_a_similarity_too():
     assert abs(scale - 1.7) < 1e-12
 
 
-@pytest.mark.parametrize("linear", [np.diag([1.0, 1, 2]), np.diag([2.0, 1, -1]), np.zeros((3, 3)),
+@pytest.mark.parametrize("linear", [np.diag([1.0, 1, 2]), np.diag([2.0, 1, -1]),
                                     np.eye(3) + np.eye(3, k=1) / 2])
-def test_shears_stretches_and_collapses_are_no_similarities(linear):
-    with pytest.raises(ValueError, match="shears, stretches or collapses it; load the shape with it"):
+def test_shears_and_stretches_are_no_similarities(linear):
+    with pytest.raises(ValueError, match="shears or stretches it; load the shape with it"):
         decompose_similarity(similarity(1, linear))
+
+
+@pytest.mark.parametrize("linear", [np.zeros((3, 3)), np.diag([1.0, 0, 1]), np.ones((3, 3))])
+def test_what_collapses_a_model_is_called_so_with_what_to_do(linear):
+    for refused in (lambda m: transformed(rounded(random_splats(3)), m), decompose_similarity):
+        with pytest.raises(ValueError, match="cannot be flattened: this matrix collapses it.*; give it finite numbers"):
+            refused(similarity(1, linear))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -9,17 +9,22 @@ import tiny_data
 from cut_models import with_cuts, with_second_cuts
 from mi_dogsplat import Model, write_model, write_ply
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import over_background, render_picture
+from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.runs.checkpoint import save_checkpoint
 from mi_dogsplat.runs.run import CHECKPOINT, train
+from mi_dogsplat.scene.appearance import Appearance, device_of, photographed, radii_squared
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.files import write_json
 from mi_dogsplat.support.pictures import heat_map
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
+from mi_dogsplat.viewer import server
 from mi_dogsplat.viewer.renderer import Renderer, fitted, nearest_view
 from mi_dogsplat.viewer.source import Source, splats_of_state
 from mi_dogsplat.viewer.view_state import (
@@ -164,6 +169,26 @@ def test_the_error_is_that_at_the_nearest_photograph(dataset):
     assert np.abs(uint8(view.image) - photograph).max() <= 1
 
 
+def test_the_error_is_that_of_the_model_as_its_cameras_took_it_where_a_run_has_learned_how(dataset, tmp_path):
+    view, dark = dataset.views[3], np.array([-1.0, -1.2, -0.9])
+    learned = Appearance([view.name], [device_of(view.camera)], dark[None], np.array([[-0.3, -0.2]]))
+    learned.write(tmp_path / "appearance.json")
+    write_ply(tmp_path / "point_cloud.ply", tiny_data.truth())
+    source = Source(tmp_path)
+    found = source.poll()
+    assert found and source.appearance
+    taken = photographed(view.image, radii_squared(view.camera), learned.numbers(view.camera, view.name))
+    views = [View(view.name, view.camera, taken)]
+    said = []
+    for appearance in (source.appearance, None):
+        drawn = Renderer(found[0], DrawnAs(), views, appearance).draw(pose_of(view.camera), Settings(ERROR, 36))
+        said.append(float(drawn.about.split()[-1]))
+    assert said[0] < 0.005 and said[1] > 0.05
+    (tmp_path / "appearance.json").unlink()  # as a new training does
+    os.utime(tmp_path / "point_cloud.ply", ns=(1, 1))
+    assert source.poll() and source.appearance is None
+
+
 def test_what_a_new_model_does_not_have_is_drawn_as_the_model():
     renderer, pose = Renderer(tiny_data.dog_model(), NEAR), pose_of(tiny_data.cameras()[0])
     with_dog = renderer.draw(pose, Settings(ONLY_DOG, 36)).image
@@ -280,3 +305,29 @@ def test_a_run_is_followed_from_checkpoint_to_checkpoint_to_its_model(dataset, t
 def test_a_folder_without_a_model_says_what_to_wait_for(tmp_path):
     with pytest.raises(DataError, match="wait for its first checkpoint"):
         Source(tmp_path).poll()
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_photographs_beside_a_run_are_as_large_and_split_as_its_training_had_them(data, tmp_path, monkeypatch, named):
+    shown = []
+
+    class Shown:
+        url = ""
+
+        def __init__(self, source, dataset, *given):
+            shown.append(dataset)
+
+        def serve(self):
+            pass
+
+        stop = serve
+
+    monkeypatch.setattr(server, "Server", Shown)
+    write_json(tmp_path / "config.json", {"data": str(data), "downscale": 2, "split": "validation"})
+    for options in (PictureOptions(), PictureOptions(downscale=1)):
+        server.serve(tmp_path, data if named else None, options=options, show=lambda line: None)
+    of_run = load_dataset(data, split="validation")
+    assert {view.name for view in of_run.test} != {view.name for view in load_dataset(data).test}
+    for found, width in zip(shown, (tiny_data.WIDTH // 2, tiny_data.WIDTH), strict=True):
+        assert [view.name for view in found.test] == [view.name for view in of_run.test]
+        assert {view.camera.width for view in found.views} == {width}

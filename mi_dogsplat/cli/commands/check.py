@@ -18,7 +18,7 @@ Examples:
   dogsplat check -o checked                              built-in scenes, and stability cases
   dogsplat check run/point_cloud.ply -o checked --data photos/ --camera 0001
                                                          also a model, from a view of its data
-  dogsplat check -o checked --only stability             only this part: takes a minute
+  dogsplat check -o checked --only stability             only this part: takes a minute or two
   dogsplat check -o checked --only training --runs run_a run_b
                                                          training error against run time of two runs
 

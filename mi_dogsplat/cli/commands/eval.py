@@ -45,6 +45,7 @@ def run(args: argparse.Namespace) -> None:
     from ...measure.evaluate import mean_metrics
     from ...runs.evaluation import evaluate_model
     from ...runs.learned_views import learned_from
+    from ...runs.masks_of_run import without_masks_of_run
 
     views = evaluate_model(
         args.model, args.data, args.out, masks=args.masks, color_correct=args.color_correct,
@@ -52,5 +53,6 @@ def run(args: argparse.Namespace) -> None:
     )  # fmt: skip
     for name, values in {**views, "mean": mean_metrics(views)}.items():
         print(f"{printable(name):24s}{metrics_line(values)}")
-    for line in (*without_mask(args.masks, views), *learned_from(args.model, args.data, views)):
+    of_masks = *without_mask(args.masks, views), *without_masks_of_run(args.model, args.masks)
+    for line in (*of_masks, *learned_from(args.model, args.data, views)):
         print(printable(line))

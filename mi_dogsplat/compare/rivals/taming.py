@@ -21,7 +21,7 @@ from PIL import Image, ImageFilter
 
 from ...engine.project import project
 from ...measure.metrics import ssim
-from ...render.picture import photograph
+from ...render.picture import as_taken, photograph
 from ...scores.weights import weights
 from ...training.recipe import Recipe
 from ...training.strategy.densify import Choice, Densification
@@ -109,7 +109,10 @@ def _of_view(t: Training, k: int, of_model) -> np.ndarray:
     view, camera, params = t.photographs.views[k], t.photographs.cameras[k], t.optimizer.params
     truth = photograph(view, t.photographs.background)
     mask = t.photographs.shown_mask(k)
-    picture, seen = (x if mask is None else x * mask[..., None] for x in (t.picture(view).color, truth))  # as the loss
+    taken, learned = t.picture(view), t.appearance()
+    if learned:
+        taken = as_taken(taken, view.camera, learned.numbers(view.camera, view.name))
+    picture, seen = (x if mask is None else x * mask[..., None] for x in (taken.color, truth))  # as the loss
     error = np.abs(picture - seen).mean(-1)  # [H, W]
     loss = 0.8 * float(error.mean()) + 0.2 * (1 - ssim(picture, seen))
     found = weights(params, [camera], t.options, [saliency(error, truth, mask)], [mask].__getitem__)

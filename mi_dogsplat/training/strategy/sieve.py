@@ -37,14 +37,19 @@ class Sieve(Strategy[None]):
         """Remove them. Raises ``FloatingPointError`` or ``DataError`` where nothing would be left."""
         events = self.drop_broken(t)
         if self.near_zone:
-            near = near_cameras(t.optimizer.numpy("means"), t.photographs.positions, self.near_zone)
-            if near.all():
-                problem = f"every primitive is nearer than {self.near_zone:g} to a camera"
-                raise DataError("--near-zone", problem, "use a smaller one")
+            near = self.near(t.optimizer.numpy("means"), t.photographs.positions)
             if near.any():
                 t.optimizer.keep(np.flatnonzero(~near))
                 events.append(Dropped(int(near.sum()), "primitives near cameras"))
         return events
+
+    def near(self, means: np.ndarray, positions: np.ndarray) -> np.ndarray:
+        """``near_cameras`` by the zone. Raises ``DataError`` where all are."""
+        near = near_cameras(means, positions, self.near_zone)
+        if near.all():
+            problem = f"every primitive is nearer than {self.near_zone:g} to a camera"
+            raise DataError("--near-zone", problem, "use a smaller one")
+        return near
 
     def drop_broken(self, t: Training) -> list[Event]:
         """Remove what is ``broken`` alone. Raises ``FloatingPointError`` where nothing would be left."""

@@ -46,6 +46,7 @@ from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
 from ...engine.rasterize import Frame
 from ...render.picture import Picture
+from ...scene.appearance import Appearance
 from ...scores.score import Score
 from ...scores.training_views import TrainingViews
 from ..events import Event
@@ -85,6 +86,8 @@ class Training(Protocol):
     def render(self, params: dict, view: int) -> tuple[list, Frame]: ...  # planes over the background, and their frame
 
     def picture(self, view: View) -> Picture: ...  # the model seen from a view of the data set
+
+    def appearance(self) -> Appearance | None: ...  # what is learned of its cameras so far, where something is
 
     def training_l1(self) -> float: ...  # mean over all training views
 

@@ -7,6 +7,8 @@ from mi_dogsplat import reference
 from mi_dogsplat.compare.rivals import taming
 from mi_dogsplat.compare.rivals.taming import VIEWS, Taming, importance, parabola, saliency
 from mi_dogsplat.reference import score as reference_score
+from mi_dogsplat.render.picture import as_taken
+from mi_dogsplat.scene.appearance import Appearance, device_of
 from mi_dogsplat.training.events import Densified
 
 
@@ -50,6 +52,22 @@ def test_taming_adds_up_the_terms_of_brute_force(trainer_of):
         total += scaled((e * weight).sum((1, 2)), 10)
         expected += (0.8 * error.mean() + 0.2 * (1 - brute_force_ssim(picture, view.image))) * total * shown
     np.testing.assert_allclose(got, expected, rtol=1e-3)
+
+
+def test_the_loss_of_a_view_is_that_of_the_model_as_its_camera_took_it(trainer_of, monkeypatch):
+    trainer = trainer_of(taming.RECIPE, 3000, appearance=True)
+    names, camera = [view.name for view in trainer.dataset.train], trainer.dataset.train[0].camera
+    gains = np.random.default_rng(0).uniform(-1.5, 0, (len(names), 3))
+    learned = Appearance(names, [device_of(camera)], gains, np.array([[-0.3, -0.2]]))
+
+    def taken(view, background):
+        return as_taken(trainer.picture(view), view.camera, learned.numbers(view.camera, view.name)).color
+
+    monkeypatch.setattr(taming, "photograph", taken)
+    stats = trainer.states["densification"]
+    assert importance(trainer, stats).max() > 1  # nothing is learned yet
+    monkeypatch.setattr(trainer, "appearance", lambda: learned)
+    np.testing.assert_allclose(importance(trainer, stats), 0, atol=1e-3)
 
 
 def brute_force_ssim(a: np.ndarray, b: np.ndarray) -> float:
