@@ -34,6 +34,7 @@ _INSTEAD = {  # of -∞ and ∞ in some columns: opacities of 0 and 1, scales of
     **dict.fromkeys(_SCALE, (_SMALLEST_LOG_SCALE, math.inf)),
 }
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
+_N_REST_4 = 72  # of degree 4, of which three bands are read
 _CUT = ("cut_0", "cut_1", "cut_2")
 _SHIFT = (*(f"shift_{i}" for i in range(9)), "view_0", "view_1", "view_2")  # axis by axis, by each of the view
 _GROUPS = {"slopes": (SLOPES, tuple(f"slope_{i}" for i in range(9))),  # axis by axis, three channels each
@@ -68,7 +69,7 @@ def read_ply(path: str | Path) -> Model:
     vertex = tables["vertex"]
     names = vertex.dtype.names or ()
     n_rest = sum(name.startswith("f_rest_") for name in names)
-    if n_rest not in _N_REST:
+    if n_rest not in (*_N_REST, _N_REST_4):
         problem = "{n} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45"
         raise FileError(path, problem, _NOT_3DGS, n=n_rest)
 
@@ -224,7 +225,8 @@ def _rest_columns(path: Path, tables: dict[str, np.ndarray], n_rest: int) -> np.
     vertex, degrees = tables["vertex"], [degree for degree in (1, 2, 3) if f"sh{degree}" in tables]
     if not degrees:
         columns = _columns(path, tables, "vertex", _rest_names(n_rest))
-        return columns.reshape(len(vertex), 3, n_rest // 3).transpose(0, 2, 1)  # channel-major in the file
+        by_coefficient = columns.reshape(len(vertex), 3, n_rest // 3).transpose(0, 2, 1)  # channel-major in the file
+        return by_coefficient[:, : _N_REST[-1] // 3]
     if n_rest:
         problem = 'view-dependent color both in the element "vertex" and in the element "{name}"'
         raise FileError(path, problem, "keep f_rest_* in one of the two", name=f"sh{degrees[0]}")

@@ -57,6 +57,9 @@ def check(
     number is null. Needs a Mitsuba variant. Raises ``DataError`` before anything is written.
     """
     require_arrays()
+    for name, given in (("parts", parts), ("runs", runs)):
+        if isinstance(given, str | Path):  # its letters would be taken one by one
+            raise DataError(f"check: {name}", f'"{given}" is no list', f'give one, as {name}=["{given}"]')
     out, parts = Path(out), parts or [part for part in PARTS if part != "training" or runs]
     _require_parts(parts, model, runs, width, rounds)
     _require_use(model, data, camera, options)

@@ -6,7 +6,7 @@ import argparse
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin
 
 from ..datasets.world import check_world
 from ..render.picture_options import PictureOptions
@@ -23,6 +23,19 @@ OF_RUN = {
     for name in ("downscale", "background")
 }
 """Help of what a command that takes run folders takes from them."""
+
+
+class NoFlag(argparse.Action):
+    """What other commands call ``--data``. argparse would take it for ``--data-on-disk``, silently."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        parser.error("argument --data: DATA stands without a flag here, as in the first example")
+
+
+def add_data(parser: argparse.ArgumentParser, said: str = DATA_HELP, **options: Any) -> None:
+    """The argument DATA of a command that cannot do without; ``options`` are those of ``add_argument``."""
+    parser.add_argument("data", metavar="DATA", help=said, **options)
+    parser.add_argument("--data", action=NoFlag, dest="no_flag", nargs="?", help=argparse.SUPPRESS)
 
 
 def add_settings(

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import OPENCV_FROM_OPENGL
+from ..support.classes import require_class
 from ..support.errors import DataError, Wrong
 from ..support.files import remove_parts, replacing
 from ..support.locks import locked
@@ -77,6 +78,7 @@ def capture(
     """
     import mitsuba as mi
 
+    require_class("capture: how it is taken", config, CaptureConfig, "give a CaptureConfig")
     require_arrays()
     scene_path, out = Path(scene_path), Path(out)
     plan = _plan(scene_path, config)

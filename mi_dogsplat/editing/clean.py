@@ -24,6 +24,7 @@ from ..render.viewpoint import viewpoint
 from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.finite import finite_primitives
 from ..scene.splats import Array, Splats
+from ..support.classes import require_class
 from ..support.errors import DataError
 from ..support.pictures import write_png
 from ..support.variants import require_arrays
@@ -70,6 +71,7 @@ def clean_model(
 
     Pictures need a Mitsuba variant. Raises ``DataError``.
     """
+    require_class("clean_model: what is not wanted", config, CleanConfig, "give a CleanConfig")
     if data or preview:
         require_arrays()
     model, out = Path(model), Path(out)

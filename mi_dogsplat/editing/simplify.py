@@ -29,6 +29,7 @@ from ..scene.radiance import from_units_of_white, in_units_of_white
 from ..scene.splats import Array, Splats
 from ..scene.whole import whole
 from ..scores.weights import weights
+from ..support.classes import require_class
 from ..support.errors import DataError
 from ..support.srgb import displayed
 from ..support.variants import require_arrays
@@ -77,6 +78,7 @@ def simplify_model(
 
     Needs a Mitsuba variant. Raises ``DataError``.
     """
+    require_class("simplify_model: how it is made", config, SimplifyConfig, "give a SimplifyConfig")
     require_arrays()
     model, out = Path(model), Path(out)
     chosen = format_to_write(out)

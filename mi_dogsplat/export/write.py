@@ -28,6 +28,7 @@ from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.radiance import from_units_of_white
 from ..scene.splats import Splats
 from ..scene.transform import transformed
+from ..support.classes import require_class
 from ..support.errors import DataError
 from ..support.settings import refuse
 from ..support.variants import require_arrays
@@ -77,6 +78,7 @@ def export_model(
 
     Measuring and refining need a Mitsuba variant. Raises ``DataError``.
     """
+    require_class("export_model: how the file is made", config, ExportConfig, "give an ExportConfig")
     model, out = Path(model), Path(out)
     page = out.name.lower().endswith(PAGE)
     chosen = SOG if page else format_to_write(out, (PAGE,))

@@ -112,7 +112,7 @@ def read(path: Path) -> Model:
         sh_coeffs=sh,
         **trailer.decode(reader, rows, n),
     )
-    return Model(splats, drawing_of(reader.comments))
+    return Model(splats, drawing_of(reader.comments), tuple(reader.left_out))
 
 
 def _chunks(reader: TableReader, table: Array) -> Array:

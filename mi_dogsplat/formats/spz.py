@@ -32,7 +32,7 @@ import numpy as np
 
 from ..scene.drawing import Drawing, comments_of, drawing_of
 from ..scene.quaternions import unit_quaternions
-from ..scene.sh_basis import C0
+from ..scene.sh_basis import C0, SH_LEFT_OUT
 from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from .grids import Extents, Steps
@@ -103,7 +103,7 @@ def content_of(path: Path, data: bytes) -> Model:
         logit_opacities=logits(raw.get("opacities", empty).reshape(n) / 255),
         sh_coeffs=np.concatenate([radiance(dc) if CURVE in payload.comments else dc, (sh - 128.0) / 128], axis=1),
     )
-    left_out = ["spherical harmonics of degree 4"] if payload.degree > 3 else []
+    left_out = [SH_LEFT_OUT] if payload.degree > 3 else []
     left_out += ["records of extensions"] if payload.flags & EXTENSIONS else []
     drawing = replace(drawing_of(payload.comments), antialiased=bool(payload.flags & ANTIALIASED))
     return Model(splats, drawing, tuple(left_out))

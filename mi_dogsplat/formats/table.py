@@ -63,8 +63,8 @@ def _read_ply(path: Path) -> Model:
 
 def read_any_ply(path: Path, finite: bool = False) -> Model:
     """The content of a PLY, whose numbers need not be ``finite``. Raises ``DataError``."""
-    splats, comments = read_ply_and_comments(path, finite)
-    return Model(splats, drawing_of(comments))
+    splats, comments, left_out = read_ply_and_comments(path, finite)
+    return Model(splats, drawing_of(comments), tuple(left_out))
 
 
 def _written(encode: Callable[[Model], bytes]) -> Callable[[Path, Model], None]:

@@ -14,6 +14,7 @@ from ..formats.read import read_source
 from ..render.picture_options import PictureOptions
 from ..render.vantages import vantage_cameras
 from ..scene.drawing import drawn_as
+from ..support.classes import require_class
 from ..support.errors import DataError
 from ..support.variants import require_arrays
 from .mesh_config import MeshConfig
@@ -54,6 +55,7 @@ def make_mesh(
 
     Needs a Mitsuba variant. Raises ``DataError``.
     """
+    require_class("make_mesh: how it is made", config, MeshConfig, "give a MeshConfig")
     require_arrays()
     model, out = Path(model), Path(out)
     write = writer_of(out, texture=config.texture is not None)

@@ -17,8 +17,9 @@ def warn_of_instances(name: str, scene: mi.Scene) -> None:
     if not any(shape.class_name() == INSTANCE for shape in scene.shapes()):
         return
     nodes: Any = mi.traverse(scene).hierarchy
-    grouped = sum(is_dog_shape(node) and isinstance(parent, mi.Shape) for node, (parent, _) in nodes.items())
-    if grouped:
+    # a shape of the scene that equals one of a group may be the same object, which the scene's own nodes have only once
+    groups: list[Any] = [mi.traverse(node).hierarchy for node in nodes if isinstance(node, mi.Shape)]
+    if grouped := len({shape for group in groups for shape in list(group)[1:] if is_dog_shape(shape)}):
         log: Any = mi.Log
         unseen = counted(grouped, "dog shape")
         remedy = "load its file once for each instance, with its own to_world"

@@ -17,6 +17,7 @@ from ..datasets.refined import require_photographs
 from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import CONFIG, FIRST, HISTORY, METRICS, POSED, RECIPE
+from ..support.classes import require_class
 from ..support.errors import DataError, making, undisguised
 from ..support.files import PART, is_empty, json_text, remove_parts, write_json
 from ..support.locks import locked
@@ -109,6 +110,7 @@ def train(
     one is complete. Raises ``DataError``, also for one that was stopped unless it is to go on; ``Stopped`` when asked
     to stop in training or after it (Ctrl-C, SIGTERM), which leaves a checkpoint.
     """
+    require_class("train: what it trains by", config, TrainConfig, 'give a TrainConfig, as TrainConfig("photos")')
     require_arrays(config.variant)
     out = Path(out)
     _check_settings(config, out, resume)

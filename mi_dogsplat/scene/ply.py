@@ -14,10 +14,10 @@ A model whose primitives have SH degrees of their own is padded with zeros to th
 that there is (uint index, float f_rest_*, channel-major as in ``vertex``), one row per primitive of that degree.
 
 Read as well: ASCII, big-endian, any scalar types, columns in any order, extra columns and elements, files without
-normals (gsplat), SH degree 0..3, opacities of 0 and 1 and scales of 0 (logits of ±∞ and logarithms of -∞, which become
-finite), the method authors' layout (dog_* as columns of ``vertex``: all are DoG), colours as red, green and blue in
-place of f_dc_* (nerfstudio without view-dependent colour), and Mip-Splatting's column filter_3D, which widens its
-primitive (``filter_3d.py``).
+normals (gsplat), SH degree 0..4 (of 4 without what is above 3), opacities of 0 and 1 and scales of 0 (logits of ±∞ and
+logarithms of -∞, which become finite), the method authors' layout (dog_* as columns of ``vertex``: all are DoG),
+colours as red, green and blue in place of f_dc_* (nerfstudio without view-dependent colour), and Mip-Splatting's column
+filter_3D, which widens its primitive (``filter_3d.py``).
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def read_ply(path: str | Path) -> Splats:
     return read_ply_and_comments(path)[0]
 
 
-def read_ply_and_comments(path: str | Path, finite: bool = True) -> tuple[Splats, list[str]]:
-    """Read a model, and the comments of its header. Raises as ``read_ply`` does.
+def read_ply_and_comments(path: str | Path, finite: bool = True) -> tuple[Splats, list[str], list[str]]:
+    """Read a model, the comments of its header, and what of it is left out, in words. Raises as ``read_ply`` does.
 
     ``finite``: its numbers have to be; else they are left as they are.
     """
@@ -80,7 +80,7 @@ def read_ply_and_comments(path: str | Path, finite: bool = True) -> tuple[Splats
             raise DataError(path, f"this is {kind}", "give the path of a PLY file")
         with path.open("rb") as file:
             reader = TableReader(path, file, status.st_size, finite)
-            return _read_model(reader), reader.comments
+            return _read_model(reader), reader.comments, reader.left_out
     except OSError as e:
         raise DataError(path, f"cannot be read ({e.strerror})", "check the path and its permissions") from e
 

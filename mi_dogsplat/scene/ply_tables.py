@@ -19,6 +19,7 @@ import numpy as np
 from ..support.errors import DataError
 from ..support.wording import counted
 from .row_groups import Array
+from .sh_basis import SH_LEFT_OUT
 
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -29,6 +30,7 @@ _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": 
 _MAX_HEADER_BYTES = 1 << 20  # real headers have 1-2 kB
 RGB = ("red", "green", "blue")
 N_REST = (0, 9, 24, 45)  # properties f_rest_* by SH degree: 3 (K - 1)
+N_REST_4 = 72  # of degree 4, of which models hold the first three bands
 MAX_COLOR = 65535  # of the widest integers that colours are written in
 _NAMED = 4  # elements in the words about a file that is too short, so that they stay a line
 
@@ -65,6 +67,7 @@ class TableReader:
     def __init__(self, path: Path, file: BinaryIO, size: int, finite: bool = True):
         self.path, self.file, self.size, self.finite = path, file, size, finite
         self.comments: list[str] = []  # of the header, once it is read
+        self.left_out: list[str] = []  # what columns have that models do not hold
         self.codes: dict[str, dict[str, str]] = {}  # NumPy's, of each element's columns, as the header has them
 
     def fail(self, problem: str, remedy: str = _DAMAGED) -> NoReturn:
@@ -127,8 +130,15 @@ class TableReader:
         return out
 
     def rest_columns(self, table: Array, element: str, remedy: str = _DAMAGED) -> Array:
-        """The columns f_rest_* of a table, as ``columns`` has them, [count, 3 (K - 1)], of SH degree 0 to 3."""
+        """The columns f_rest_* of a table, as ``columns`` has them, [count, 3 (K - 1)], of SH degree 0 to 3.
+
+        Of degree 4 what is above 3 is left out, and ``left_out`` says so.
+        """
         n_rest = sum(name.startswith("f_rest_") for name in table.dtype.names or ())
+        if n_rest == N_REST_4:
+            self.left_out.append(SH_LEFT_OUT)
+            of_each = np.array(rest_names(n_rest)).reshape(3, -1)  # channel-major
+            return self.columns(table, element, tuple(of_each[:, : N_REST[3] // 3].ravel().tolist()))
         if n_rest not in N_REST:
             self.fail(f"{n_rest} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45", remedy)
         return self.columns(table, element, rest_names(n_rest))

@@ -11,6 +11,9 @@ C0 = 0.28209479177387814  # 1 / (2 sqrt(pi)); colour = 0.5 + C0 * DC
 SH_SIZES = (1, 4, 9, 16)
 """coefficients of a channel, by degree"""
 
+SH_LEFT_OUT = "spherical harmonics of degree 4"
+"""what files may have and models do not hold, as readers say it"""
+
 
 def sh_degree_of(size: int) -> int:
     """The degree that has so many coefficients. Raises ``ValueError`` where none has."""

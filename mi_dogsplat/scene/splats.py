@@ -11,6 +11,7 @@ degree, or mixed, with a group for each degree above 0.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,10 +40,23 @@ from .sh_basis import C0, SH_SIZES, sh_degree_of
 
 DENSE = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
 """Arrays with a row for every primitive."""
+_NO_REAL_NUMBERS = "cmMOSU"
+"""Kinds of NumPy's types: complex numbers, times, objects such as None, texts."""
 
 
 def _no_rows(*shape: int, dtype: type = np.float32):
     return field(default_factory=lambda: np.zeros((0, *shape), dtype))
+
+
+def _numbers(name: str, values: Any) -> Array:
+    """As contiguous float32. NumPy itself would make nan of None, and drop what is imaginary."""
+    try:
+        found = np.asarray(values)
+    except ValueError:
+        raise ValueError(f'Splats: "{name}" has rows of different lengths') from None
+    if found.dtype.kind in _NO_REAL_NUMBERS:
+        raise ValueError(f'Splats: "{name}" is an array of {found.dtype}, expected real numbers')
+    return np.ascontiguousarray(found, dtype=np.float32)
 
 
 @dataclass(eq=False)
@@ -112,7 +126,7 @@ class Splats:
     def __post_init__(self):
         for name in self.__dataclass_fields__:
             if not name.endswith("_index"):
-                setattr(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.float32))
+                setattr(self, name, _numbers(name, getattr(self, name)))
 
         if self.means.ndim != 2 or self.means.shape[1] != 3:
             raise ValueError(f'Splats: "means" has shape {list(self.means.shape)}, expected [N, 3]')

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..support.classes import require_class
 from . import shifts
 from .curvatures import turned
 from .linear_map import (
@@ -75,9 +76,11 @@ def sh_rotation(rotation: np.ndarray, degree: int) -> np.ndarray:
 def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
     """The model moved by a matrix [4, 4], which maps its points as columns. Exactly the same arrays for the identity.
 
-    Raises ``ValueError`` for a matrix that collapses the model, projects it or is not finite.
+    Raises ``ValueError`` for what are no ``Splats``, what is no such matrix, and for one that collapses the model,
+    projects it or is not finite.
     """
-    matrix = np.asarray(matrix, dtype=np.float64)
+    require_class("transformed: what is moved", splats, Splats, "those of a Model are model.splats")
+    matrix = _matrix(matrix)
     if np.array_equal(matrix, np.eye(4)):
         return splats
     check_affine(matrix)
@@ -111,6 +114,18 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
         **along_axes,
         **of_groups,
     )
+
+
+def _matrix(matrix: np.ndarray) -> np.ndarray:
+    """As float64 [4, 4]."""
+    try:
+        found = np.asarray(matrix, dtype=np.float64)
+    except (TypeError, ValueError):
+        kind, remedy = type(matrix).__name__, "that of a transform of Mitsuba is np.array(transform.matrix)"
+        raise ValueError(f"transformed: {kind} is no matrix [4, 4]; {remedy}") from None
+    if found.shape != (4, 4):
+        raise ValueError(f"transformed: the matrix has shape {list(found.shape)}, expected [4, 4]")
+    return found
 
 
 def _turning(quats: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import mi_dogsplat
 import numpy as np
@@ -248,3 +249,11 @@ def test_bad_input_is_one_line_that_names_it(capsys, model, tmp_path):
         assert status == 2 and printed == "" and err.startswith("dogsplat: ") and err.count("\n") == 1, (argv, err)
         assert all(word in err for word in expected), (expected, err)
     assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["parts", "runs"])
+def test_a_name_in_place_of_a_list_is_not_taken_letter_by_letter(tmp_path, name):
+    given: dict[str, Any] = {name: "training"}
+    with pytest.raises(DataError, match=f'^check: {name}: "training" is no list; give one, as {name}=."training".$'):
+        check(tmp_path / "checked", **given)
+    assert not (tmp_path / "checked").exists()

@@ -44,6 +44,14 @@ def test_what_a_command_does_not_know_is_answered_with_its_own_help(words, capsy
     assert capsys.readouterr().err == f"dogsplat: unrecognized arguments: {unknown}; see dogsplat {words[0]} --help\n"
 
 
+@pytest.mark.parametrize("words", [["train", "--data", "x", "-o", "c"], ["eval", "a.ply", "--data=x"]])
+def test_data_as_a_flag_is_no_short_form_of_data_on_disk(words, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        build_parser().parse_args(words)
+    problem = "argument --data: DATA stands without a flag here, as in the first example"
+    assert capsys.readouterr().err == f"dogsplat: {problem}; see dogsplat {words[0]} --help\n"
+
+
 def test_train_then_info_render_and_eval_on_what_it_made(capsys, data, tmp_path):
     out = tmp_path / "run"
     status, printed, bar = run(capsys, "train", data, "-o", out, *SMALL)

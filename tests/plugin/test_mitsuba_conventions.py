@@ -295,6 +295,21 @@ def test_a_scene_file_survives_being_written_by_mitsuba(tmp_path):
     np.testing.assert_array_equal(second, first)
 
 
+def test_a_dict_is_saved_once_mitsuba_is_told_the_kinds_of_plugins_as_the_page_says(tmp_path):
+    write_ply(tmp_path / "model.ply", MODEL)
+    whole = {"type": "scene", "how": {"type": "dogsplat"}, "cloud": {"type": "dog", "filename": "model.ply"}}
+    state: Any = mi.parser.parse_dict(mi.parser.ParserConfig(str(mi.variant())), whole)
+    with pytest.raises(RuntimeError, match="unknown object type"):
+        mi.parser.write_file(state, str(tmp_path / "scene.xml"))
+    kinds = {"dogsplat": mi.ObjectType.Integrator, "dog": mi.ObjectType.Shape}
+    for node in state.nodes:
+        if node.type == mi.ObjectType.Unknown:
+            node.type = kinds[node.props.plugin_name()]
+    mi.parser.write_file(state, str(tmp_path / "scene.xml"))
+    scene: Any = mi.load_file(str(tmp_path / "scene.xml"))
+    assert [shape.to_splats().n_splats for shape in scene.shapes()] == [MODEL.n_splats]
+
+
 def test_plugins_describe_themselves_in_a_scene():
     text = str(scene_of(MODEL, CAMERA, near_clip=0.25, aovs="alpha"))
     for part in ("DogSplatIntegrator[", "near_clip = 0.25", "aovs = ['alpha']", "DogShape[", "primitives = 15"):

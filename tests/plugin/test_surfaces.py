@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.engine.aovs import AOVS, channel_names
+from mi_dogsplat.plugin.instances import warn_of_instances
 from mi_dogsplat.reference import aovs as reference_aovs
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (
     dog_dict,
@@ -306,3 +308,13 @@ def test_instances_of_splats_are_not_drawn_and_that_is_said_once(capfd, kind, wa
         mi.render(scene, spp=1)
     told = "".join(capfd.readouterr())
     assert told.count("instances do not show 1 dog shape in a shapegroup; load its file once for each") == warned
+
+
+def test_instances_of_a_model_that_is_shown_by_itself_too_are_missed_as_well(capfd, tmp_path):
+    """Mitsuba makes one shape of two equal ones: of the model, and of that in the group."""
+    write_ply(tmp_path / "model.ply", model())
+    dog = {"type": "dog", "filename": str(tmp_path / "model.ply")}
+    instance = {"type": "instance", "shapes": {"type": "ref", "id": "group"}}
+    scene = mi.load_dict({"type": "scene", "dog": dog, "group": {"type": "shapegroup", "dog": dog}, "shown": instance})
+    warn_of_instances("dogsplat", scene)
+    assert "instances do not show 1 dog shape in a shapegroup" in "".join(capfd.readouterr())

@@ -63,6 +63,7 @@ READ = {
         b"end_header", b"element face 1\nproperty list uchar int vertex_indices\nend_header"
     ) + bytes([1, 0, 0, 0, 0]),
     "SH by degrees.ply": to_bytes({"vertex": BARE, "sh1": bands(1, 0, 4), "sh2": bands(2, 5)}, types={"index": "uint"}),
+    "SH of degree 4.ply": to_bytes({"vertex": BARE | {f"f_rest_{i}": np.arange(N) + i for i in range(72)}}),
     "a long comment.ply": saying(f"comment {'x' * 70_000}"),
     "an empty line.ply": saying("comment a", "", "comment dogsplat scale 2"),
     "Postshot.ply": saying("comment antialiased 1"),

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mi_dogsplat import read_model
 from mi_dogsplat.scene.filter_3d import filtered
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.splats import Splats
@@ -89,6 +90,15 @@ def test_columns_go_by_name_and_extra_ones_are_ignored(tmp_path):
     }
     types = {"red": "uchar", "label": "double", "index": "int", "focal": "double"}
     same(read_ply(write(tmp_path, to_bytes(elements, types=types))), splats)
+
+
+def test_of_sh_degree_4_the_first_three_bands_are_read_and_that_is_said(tmp_path):
+    columns = vertex_columns(random_splats(n=7, sh_degree=0, dog_index=()))
+    columns |= {f"f_rest_{i}": np.arange(7) + 10 * i for i in range(72)}
+    model = read_model(write(tmp_path, to_bytes({"vertex": columns})))
+    assert model.left_out == ("spherical harmonics of degree 4",)
+    green = np.stack([columns[f"f_rest_{24 + k}"] for k in range(15)], axis=1)  # each channel has 24
+    np.testing.assert_array_equal(model.splats.sh_coeffs[:, 1:, 1], green)
 
 
 def test_other_scalar_types_are_converted(tmp_path):

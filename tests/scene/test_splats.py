@@ -75,6 +75,21 @@ def test_a_mismatch_names_both_sides(name, value, message):
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("values", "problem"),
+    [
+        (None, "is an array of object, expected real numbers"),
+        ([[None, 0, 0]] * 6, "is an array of object, expected real numbers"),
+        ("means.npy", "is an array of <U9, expected real numbers"),
+        (np.zeros((6, 3), complex), "is an array of complex128, expected real numbers"),
+        ([[0, 0, 0], [0, 0]], "has rows of different lengths"),
+    ],
+)
+def test_what_are_no_real_numbers_is_called_so_by_name(values, problem):
+    with pytest.raises(ValueError, match=f'^Splats: "means" {re.escape(problem)}$'):
+        make(means=values)
+
+
 def test_activations_are_exp_and_logistic():
     splats = make()
     x = np.arange(6, dtype=np.float64)

@@ -1,10 +1,12 @@
 """Similarity transforms: a moved model seen by a moved camera is the same picture."""
 
+import re
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from mi_dogsplat import reference
+from mi_dogsplat import Model, reference
 from mi_dogsplat.scene.cameras import Camera, affine
 from mi_dogsplat.scene.quaternions import (
     quaternion_from_rotation,
@@ -51,6 +53,24 @@ def test_the_identity_changes_no_array():
     splats = rounded(random_splats(5))
     for name, values in vars(transformed(splats, np.eye(4))).items():
         np.testing.assert_array_equal(values, getattr(splats, name))
+
+
+@pytest.mark.parametrize(
+    ("matrix", "problem"),
+    [
+        (np.eye(3), "the matrix has shape [3, 3], expected [4, 4]"),
+        (None, "the matrix has shape [], expected [4, 4]"),
+        ("x", "str is no matrix [4, 4]; that of a transform of Mitsuba is np.array(transform.matrix)"),
+    ],
+)
+def test_what_is_no_matrix_is_called_so(matrix, problem):
+    with pytest.raises(ValueError, match=f"^transformed: {re.escape(problem)}$"):
+        transformed(rounded(random_splats(2)), matrix)
+
+
+def test_only_splats_are_moved_also_by_the_identity():
+    with pytest.raises(ValueError, match="of the class Model, not Splats; those of a Model are model.splats"):
+        transformed(cast(Any, Model(rounded(random_splats(2)))), np.eye(4))
 
 
 def test_two_transforms_in_turn_are_their_product():

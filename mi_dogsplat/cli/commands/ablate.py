@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...compare.names import ABLATION
 from ...support.errors import DataError
-from ..flags import DATA_HELP
+from ..flags import add_data
 from . import compare
 
 SUMMARY = "measure what each part of the method contributes"
@@ -30,7 +30,7 @@ table, and each variant is a run folder under DIR/DATA/seed_N/. Runs that are co
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    parser.add_argument("data", metavar="DATA", help=DATA_HELP)
+    add_data(parser)
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to add to")
     parser.add_argument(
         "--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="random seeds (default: 0 1 2)"

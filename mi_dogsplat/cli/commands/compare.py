@@ -16,7 +16,7 @@ from ...training.presets import RECIPES
 from ...training.target import require_below_cap
 from ..data_notes import say_what_is_not_read
 from ..errors import resumable
-from ..flags import DATA_HELP, add_settings, training_config
+from ..flags import add_data, add_settings, training_config
 from ..printing import say
 
 SUMMARY = "train several methods to one budget, and compare them in a table"
@@ -55,7 +55,7 @@ TRAINING_FLAGS = [
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    parser.add_argument("data", nargs="+", metavar="DATA", help=DATA_HELP)
+    add_data(parser, nargs="+")
     parser.add_argument(
         "-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to continue"
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from ...render.picture_options import PictureOptions
 from ...support.variants import set_variant
 from ...support.wording import printable
-from ..flags import DATA_HELP, MODEL_HELP, add_picture_flags, given_settings
+from ..flags import MODEL_HELP, add_data, add_picture_flags, given_settings
 from ..printing import metrics_line
 
 SUMMARY = "measure a model on the test views of its data"
@@ -29,7 +29,7 @@ trained on OpenEXR images with a --white, use that one, too: it sets the exposur
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
-    parser.add_argument("data", metavar="DATA", help=DATA_HELP)
+    add_data(parser)
     parser.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
     corrected, aligned = "after the best colour map of each view", "from the pose that fits each view best"
     parser.add_argument("--color-correct", action="store_true", help=f"also measure PSNR {corrected}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from ...masking.masks_config import MasksConfig
 from ...render.picture_options import PictureOptions
 from ...support.variants import set_variant
-from ..flags import DATA_HELP, MODEL_HELP, add_picture_flags, add_settings, given_settings
+from ..flags import MODEL_HELP, add_data, add_picture_flags, add_settings, given_settings
 from ..printing import masks_lines
 
 SUMMARY = "mask what moved, or stood in the way, while a scene was photographed"
@@ -31,7 +31,7 @@ Then find masks with it, look at them, and train with them: dogsplat train photo
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
-    parser.add_argument("data", metavar="DATA", help=DATA_HELP)
+    add_data(parser)
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder of masks to write")
     add_settings(parser, MasksConfig)
     parser.add_argument("--preview", type=Path, metavar="OUT.png", help="also write a picture of the largest masks")

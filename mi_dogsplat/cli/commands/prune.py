@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...render.picture_options import PictureOptions
 from ...training.config import TrainConfig
-from ..flags import DATA_HELP, MODEL_HELP, add_settings, training_config
+from ..flags import MODEL_HELP, add_data, add_settings, training_config
 from ..training_run import run_training
 
 SUMMARY = "make an existing model smaller, using its photographs"
@@ -34,7 +34,7 @@ TRAINING_FLAGS = [
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("model", metavar="MODEL", help=MODEL_HELP)
-    parser.add_argument("data", metavar="DATA", help=DATA_HELP)
+    add_data(parser)
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     add_settings(parser, TrainConfig, TRAINING_FLAGS)
     add_settings(parser, PictureOptions, ["antialiased", "near_clip"])

@@ -10,7 +10,7 @@ from ...poses.config import PosesConfig
 from ...runs.stopping import stop_when_input_ends
 from ...support.settings import settings_of
 from ...training.config import TrainConfig
-from ..flags import DATA_HELP, add_settings, training_config
+from ..flags import DATA_HELP, add_data, add_settings, training_config
 from ..mask_search import search_masks
 from ..pose_search import search_poses
 from ..printing import say
@@ -47,7 +47,7 @@ Ctrl-C saves a checkpoint and stops. The same command with --resume continues fr
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    parser.add_argument("data", metavar="DATA", help=f"{DATA_HELP}; or {PLAIN}")
+    add_data(parser, f"{DATA_HELP}; or {PLAIN}")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     add_settings(parser, TrainConfig, [name for name in settings_of(TrainConfig) if name not in ("data", "model")])
     parser.add_argument(
