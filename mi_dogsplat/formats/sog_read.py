@@ -26,7 +26,7 @@ from ..support.files import parse_json
 from ..support.wording import counted
 from .limits import require_proportion
 from .model import Model
-from .packing import SQRT2, from_smallest_three, logits
+from .packing import SQRT2, from_smallest_three, logits, signed_exp
 
 FIRST_TAG = 252
 PER_ROW = 64  # entries of the palette
@@ -150,7 +150,7 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
         sh = np.concatenate([sh, values("shN", entry[label[:, 0] + 256 * label[:, 1]]).reshape(n, rest, 3)], axis=1)
     wxyz = from_smallest_three(quats[:, 3].astype(np.int64) - FIRST_TAG, (quats[:, :3] / 127.5 - 1) / SQRT2)
     splats = Splats(
-        means=np.sign(logs) * np.expm1(np.abs(logs)),
+        means=signed_exp(logs),
         log_scales=values("scales", pixels("scales")[:, :3], 3),
         quats=wxyz[:, XYZW_FROM_WXYZ],
         logit_opacities=values("sh0", sh0, 4)[:, 3] if first else logits(sh0[:, 3] / 255),
