@@ -1,5 +1,4 @@
-"""A Mitsuba scene as a data set: each sensor is rendered with the scene's own integrator and becomes a
-view."""
+"""A Mitsuba scene as a data set: each sensor is rendered with the scene's own integrator and becomes a view."""
 
 from __future__ import annotations
 
@@ -79,8 +78,7 @@ def _render(scene: Any, sensor_index: int, spp: int) -> np.ndarray:
 
 
 def _display(linear: np.ndarray, has_alpha: bool) -> np.ndarray:
-    """sRGB values of a linear image; the curve is applied to straight colour, which is then premultiplied
-    again."""
+    """sRGB values of a linear image; the curve is applied to straight colour, which is then premultiplied again."""
     if not has_alpha:
         return linear_to_srgb(np.clip(linear[..., :3], 0, 1))
     if linear.shape[2] == 3:

@@ -22,9 +22,7 @@ SURROUNDING = 4.0  # a floor or dome is so many times larger than all that is sm
 FLAT = 0.02  # thickness of a floor, times its diagonal
 
 
-def load_scene(
-    path: Path, hide_emitters: bool = False, defined: Mapping[str, str] | None = None
-) -> tuple[Any, bool]:
+def load_scene(path: Path, hide_emitters: bool = False, defined: Mapping[str, str] | None = None) -> tuple[Any, bool]:
     """(scene, whether cameras see no lamps). A Mitsuba variant must be set. Raises ``DataError``.
 
     ``hide_emitters`` sets that parameter of the scene's integrators, whatever the file says; ``defined``: values of its
