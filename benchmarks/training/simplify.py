@@ -15,8 +15,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from mi_dogsplat.editing.simplify import amounts_seen, cameras_of, fitted, look_of, simplify_model
+from mi_dogsplat.editing.simplify import cameras_of, fitted, look_of, simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
+from mi_dogsplat.editing.views import weights_in
 from mi_dogsplat.export.refine import rendered
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.measure.metrics import psnr
@@ -84,7 +85,7 @@ def _other_starts(
     truth, config = read_model(model).splats, SimplifyConfig(target=f"{percent:g}%", steps=steps)
     look = look_of(truth, PictureOptions())
     cameras = cameras_of(truth, config, config.views, config.seed)
-    most = np.argsort(-amounts_seen(truth, cameras, look), kind="stable")[: config.count(truth.n_splats)]
+    most = np.argsort(-weights_in(truth, cameras, look.drawn).total, kind="stable")[: config.count(truth.n_splats)]
     starts = {"seen most": truth.select(np.sort(most))}
     if others and others.exists():
         starts["the other program"] = read_model(others).splats

@@ -77,15 +77,26 @@ class Order(Stage):
     camera: Camera
 
 
+@dataclass(frozen=True)
+class _Part:
+    """The splats of one object."""
+
+    model: Model
+    matrix: np.ndarray  # [4, 4], which brings them to the world
+    light: Light
+    object: ShownObject
+    mask: str  # how cameras see it
+
+    @staticmethod
+    def of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, model: Model, matrix: np.ndarray, mask: str) -> _Part:
+        return _Part(model, matrix, light_of(obj), ShownObject.of(obj, depsgraph), mask)
+
+
 @dataclass
 class _Splats:
-    """All visible splats, with the matrices that bring them to the world."""
+    """All visible splats, by their objects, and how they are drawn together."""
 
-    models: list[Model] = field(default_factory=list)
-    matrices: list[np.ndarray] = field(default_factory=list)
-    lights: list[Light] = field(default_factory=list)
-    objects: list[ShownObject] = field(default_factory=list)
-    masks: list[str] = field(default_factory=list)
+    parts: list[_Part] = field(default_factory=list)
     near: list[float] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     antialiased: bool = False
@@ -146,9 +157,10 @@ def make_stage(
     # No splatting has depth of field; paths have no colours but linear ones
     blurred = seen_by is not None and seen_by["type"] == "thinlens" and depsgraph.scene.dogsplat_colors == "LINEAR"
     whole = settings.send == "SCENE" and (blurred or has_surroundings(depsgraph, hidden))
-    if not splats.models and not whole:
+    if not splats.parts and not whole:
         _add_hidden(splats, depsgraph)
-    request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
+    parts, masks, objects = splats.parts, [p.mask for p in splats.parts], [p.object for p in splats.parts]
+    request: dict[str, Any] = {"counts": [part.model.n_splats for part in parts]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     copies = copied_drawings(depsgraph, lambda owner: owner.name_full not in hidden)
     files, notes = set(), [*splats.notes, *(told(COPIED, name=name) for name in copies)]
@@ -157,23 +169,23 @@ def make_stage(
         notes.append(told("the view layer's override of the world is left out"))
     if not (layer.use_sky and layer.use_solid):
         notes.append(told("the view layer's filter is left out: environment and surfaces are drawn"))
-    splats.models, light = in_common_light(splats.models, splats.lights)
-    if any(other.linear != light.linear for other in splats.lights):
+    models, light = in_common_light([part.model for part in parts], [part.light for part in parts])
+    if any(part.light.linear != light.linear for part in parts):
         notes.append(told(MIXED))
-    if splats.models:
-        model = _write_model(folder, splats, light)
+    if parts:
+        model = _write_model(folder, [replace(part, model=m) for part, m in zip(parts, models, strict=True)], light)
         request["model"] = str(model)
         files.add(model.name)
     if not whole:
         if not settings.transparent and one_color(depsgraph.scene_eval.world) is None:
             notes.append(told(BEHIND))
-        return Stage(request | numbered(splats.masks), splats.objects, False, light, files, notes)
-    written = write_scene(depsgraph, seen_by, camera, folder, len(splats.models), hidden)
+        return Stage(request | numbered(masks), objects, False, light, files, notes)
+    written = write_scene(depsgraph, seen_by, camera, folder, len(parts), hidden)
     request |= {"scene": str(folder / written.scene), "max_depth": settings.bounces + 1}
     request |= {"mesh_shadows": settings.mesh_shadows, "transparent": settings.transparent}
-    request |= {"hide_lamps": written.hide_lamps} | numbered(splats.masks + written.masks)
+    request |= {"hide_lamps": written.hide_lamps} | numbered(masks + written.masks)
     files |= written.files
-    return Stage(request, splats.objects + written.objects, True, light, files, notes + written.notes)
+    return Stage(request, objects + written.objects, True, light, files, notes + written.notes)
 
 
 def tidy(folder: Path, files: set[str]) -> None:
@@ -218,12 +230,8 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
         if flattens(matrix[:3, :3]):  # what grows from nothing begins so, and must not stop an animation
             notes.append(told(FLAT, name=obj.name))
             model, matrix = model.select(np.zeros(0, int)), np.eye(4)
-        found.models.append(model)
-        found.lights.append(light_of(obj))
-        found.matrices.append(matrix)
-        found.objects.append(ShownObject.of(obj, depsgraph))
+        found.parts.append(_Part.of(obj, depsgraph, model, matrix, mask_of(owner, obj, depsgraph)))
         found.notes += [note for note in notes if note not in found.notes]
-        found.masks.append(mask_of(owner, obj, depsgraph))
     return found
 
 
@@ -235,24 +243,20 @@ def _add_hidden(found: _Splats, depsgraph: bpy.types.Depsgraph) -> None:
     obj = next(filter(has_splats, objects_in(depsgraph.scene)), None)
     if obj is None:
         raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
-    found.models.append(placed_model(obj, depsgraph, np.eye(4), hidden=True).select(np.zeros(0, int)))
-    found.lights.append(light_of(obj))
-    found.matrices.append(np.eye(4))
-    found.objects.append(ShownObject.of(obj, depsgraph))
-    found.masks.append("")
+    model = placed_model(obj, depsgraph, np.eye(4), hidden=True).select(np.zeros(0, int))
+    found.parts.append(_Part.of(obj, depsgraph, model, np.eye(4), ""))
     found.notes.append(told(HIDDEN))
 
 
-def _write_model(folder: Path, splats: _Splats, light: Light) -> Path:
+def _write_model(folder: Path, parts: list[_Part], light: Light) -> Path:
     """A file that is named by its content: the renderer knows it again in the next frame, which writes none."""
     comments = Said().lit(light).comments
     content = hashlib.sha1("\n".join(comments).encode())
-    for model, matrix in zip(splats.models, splats.matrices, strict=True):
-        for array in (*vars(model).values(), matrix):
+    for part in parts:
+        for array in (*vars(part.model).values(), part.matrix):
             content.update(np.ascontiguousarray(array))
     path = folder / f"model_{content.hexdigest()}.ply"
     if not path.exists():
-        placed = zip(splats.models, splats.matrices, splats.objects, strict=True)
-        models = [moved_model(model, matrix, of.name) for model, matrix, of in placed]
+        models = [moved_model(part.model, part.matrix, part.object.name) for part in parts]
         write_ply(path, concatenate(models), comments)
     return path

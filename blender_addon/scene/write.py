@@ -134,25 +134,15 @@ def _note_rays(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset
 
 def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> Gathered:
     found, metaballs, listed = Gathered(), [], set()
-    override = depsgraph.view_layer_eval.material_override
     for instance in depsgraph.object_instances:
         obj = instance.object
         if not (instance.show_self and is_shown(instance, depsgraph, hidden)) or _is_of_splats(instance):
             continue
-        world = np.array(instance.matrix_world, np.float64)
         if obj.type == "LIGHT":
+            world = np.array(instance.matrix_world, np.float64)
             found.lights.append((obj.original.evaluated_get(depsgraph), world))
         elif obj.type in WITH_FACES:
-            key = obj.data.as_pointer()
-            materials = [slot.material for slot in obj.material_slots]
-            if key not in found.geometry:
-                copies = [slot for slot, known in enumerate(materials) if draws_splats(known)]  # of another object
-                found.geometry[key] = [part for part in parts(obj) if part.slot not in copies]
-            if override is not None:
-                materials = [override]
-            owner = instance.parent if instance.is_instance else obj
-            mask = mask_of(owner.original, obj.original, depsgraph)
-            body = Placed(ShownObject.of(obj, depsgraph), key, world, materials, mask)
+            body = _placed(found.geometry, instance, depsgraph)
             (metaballs if obj.type == "META" else found.bodies).append(body)
             listed.add(obj.original.name if obj.type != obj.original.type else "")
             if any(_is_hair(system.settings) for system in obj.particle_systems):
@@ -161,6 +151,20 @@ def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[st
             export.note('"{name}" is left out ({kind})', name=obj.original.name, kind=type_name(obj))
     found.bodies += [body for body in metaballs if body.of.name not in listed]  # where Blender has no mesh of it
     return found
+
+
+def _placed(
+    geometry: dict[int, list[Part]], instance: bpy.types.DepsgraphObjectInstance, depsgraph: bpy.types.Depsgraph
+) -> Placed:
+    """A body; what has its geometry first adds that."""
+    obj, override = instance.object, depsgraph.view_layer_eval.material_override
+    key, materials = obj.data.as_pointer(), [slot.material for slot in obj.material_slots]
+    if key not in geometry:
+        copies = [slot for slot, known in enumerate(materials) if draws_splats(known)]  # of another object
+        geometry[key] = [part for part in parts(obj) if part.slot not in copies]
+    owner = instance.parent if instance.is_instance else obj
+    mask, world = mask_of(owner.original, obj.original, depsgraph), np.array(instance.matrix_world, np.float64)
+    return Placed(ShownObject.of(obj, depsgraph), key, world, materials if override is None else [override], mask)
 
 
 def _is_hair(settings: bpy.types.ParticleSettings) -> bool:
@@ -195,28 +199,34 @@ def _bodies(
     groups: dict[Kind, str] = {}
     shapes: dict[str, Any] = {}
     for k, (body, kind) in enumerate(zip(found.bodies, kinds, strict=True)):
-        own = [(part, material) for part, material in zip(found.geometry[body.key], kind[1], strict=True)
-               if not looks[material].is_nothing]  # fmt: skip
-        if any(refracts(looks[material].bsdf) for _, material in own) and is_sheet(found.geometry[body.key]):
+        whole, (_, materials) = found.geometry[body.key], kind
+        pairs = zip(whole, materials, strict=True)
+        own = [(part, material) for part, material in pairs if not looks[material].is_nothing]
+        if any(refracts(looks[material].bsdf) for _, material in own) and is_sheet(whole):
             export.note(SHEET, name=body.of.name)
         name = f"object_{numbers[body.of, body.mask]}_{k}"
         if not own:  # Mitsuba repeats no group of nothing
             continue
-        if times[kind] > 1 and not any(looks[material].radiance for material in kind[1]):
+        if times[kind] == 1 or any(looks[material].radiance for material in materials):
+            for i, (part, material) in enumerate(own):
+                shapes |= _standing(export, f"{name}_{i}", part.moved(body.world), material, looks)
+        else:
             if kind not in groups:
                 groups[kind] = f"group_{len(groups)}"
                 members = {f"part_{i}": _mesh(export, part, name, looks) for i, (part, name) in enumerate(own)}
                 shapes[groups[kind]] = {"type": "shapegroup", **members}
             group = {"type": "ref", "id": groups[kind]}
             shapes[name] = {"type": "instance", "to_world": matrix(body.world), "group": group}
-            continue
-        for i, (part, material) in enumerate(own):
-            placed = part.moved(body.world)
-            shapes[f"{name}_{i}"] = _mesh(export, placed, material, looks)
-            if looks[material].radiance and len((back := placed.back()).positions):
-                shapes[f"{name}_{i}_back"] = _mesh(export, back, material, looks)
-                if looks[material].opacity is not None:  # what is seen through both is weakened once
-                    shapes[f"{name}_{i}_back"]["bsdf"] = NOTHING
+    return shapes
+
+
+def _standing(export: Export, name: str, part: Part, material: str, looks: dict[str, Surface]) -> dict[str, Plugin]:
+    """A part in its place in the world, and what makes it shine to the back."""
+    shapes = {name: _mesh(export, part, material, looks)}
+    if looks[material].radiance and len((back := part.back()).positions):
+        shapes[f"{name}_back"] = _mesh(export, back, material, looks)
+        if looks[material].opacity is not None:  # what is seen through both is weakened once
+            shapes[f"{name}_back"]["bsdf"] = NOTHING
     return shapes
 
 

@@ -71,9 +71,7 @@ class DOGSPLAT_OT_surface_mesh(bpy.types.Operator):
         description="Leave out everything that is not connected to the largest part",
     )
     room: BoolProperty(name="For a Room", description="Look at the splats only from inside, not from around them")
-    body: BoolProperty(
-        name="Rigid Body", description="Make the mesh a passive rigid body, with which others collide"
-    )
+    body: BoolProperty(name="Rigid Body", description="Make the mesh a passive rigid body, with which others collide")
 
     in_dialog = False  # whether a window waits, which is not to stand still
 

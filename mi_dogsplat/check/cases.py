@@ -34,6 +34,13 @@ from .case_models import (
 )
 
 BELOW = "below 1/255 everywhere: not drawn, gradient zero"
+OF_ONE = {  # an argument of ``primitives``: the rows that it makes, and an ordinary one
+    "slopes": (SLOPES, SLOPES_OF_ONE),
+    "curvatures": (CURVATURES, CURVATURES_OF_ONE),
+    "normals": (CUTS, NORMAL_OF_ONE),
+    "second_normals": (SECOND_CUTS, SECOND_NORMAL_OF_ONE),
+    "shifts": (SHIFTS, SHIFTS_OF_ONE),
+}
 
 
 @dataclass(frozen=True)
@@ -68,28 +75,30 @@ def cases(layers: int = 10_000) -> Iterator[Case]:
 
 def _case(group: str, name: str, extreme: Splats, defined: str = "", view: Camera | None = None, **settings) -> Case:
     """``extreme`` among the bystanders, its rows last; among such with rows of its kinds, if it has some."""
-    neighbours = bystanders(
-        SLOPES_OF_ONE if extreme.n_slopes else None,
-        CURVATURES_OF_ONE if extreme.n_curvatures else None,
-        NORMAL_OF_ONE if extreme.n_cuts else None,
-        SECOND_NORMAL_OF_ONE if extreme.n_second_cuts else None,
-        SHIFTS_OF_ONE if extreme.n_shifts else None,
-    )
+    kinds = [kind for kind, (group, _) in OF_ONE.items() if len(getattr(extreme, group.index))]
+    neighbours = bystanders(**{kind: OF_ONE[kind][1] for kind in kinds})
     splats = neighbours.joined(extreme)
     rows = np.arange(neighbours.n_splats, splats.n_splats)
     return Case(group, name, splats, view or camera(), rows, defined, **settings)
 
 
-def _shapes() -> Iterator[Case]:
+def _extents() -> Iterator[tuple[str, str, tuple[float, float, float], Any]]:
+    """Group, name, mean and scales of primitives that are long, flat, large or small."""
+    usual = (0.1, 0.2, 4)
     for exponent in range(1, 7):
         ratio = 10.0**exponent
         for name, scales in {"needle": (1 / ratio, 1 / ratio, 1), "disc": (1 / ratio, 1, 1)}.items():
-            yield _case("shape", f"{name}, axis ratio 1e{exponent}", primitives((0.1, 0.2, 4), scales))
-    yield _case("shape", "needle, 40,000 px long", primitives((0.1, 0.2, 4), (1e-3, 1e-3, 1e3)))
-    yield _case("shape", "needle along the optical axis", primitives((0.02, 0.01, 4), (0.05, 0.05, 50)))
+            yield "shape", f"{name}, axis ratio 1e{exponent}", usual, scales
+    yield "shape", "needle, 40,000 px long", usual, (1e-3, 1e-3, 1e3)
+    yield "shape", "needle along the optical axis", (0.02, 0.01, 4), (0.05, 0.05, 50)
     for exponent in (-12, -6, -3, 3, 6, 12):
-        yield _case("size", f"scale 1e{exponent}", primitives((0.1, 0.2, 4), 10.0**exponent))
-    yield _case("size", "scales 1e-12, 1 and 1e6 in one", primitives((0.1, 0.2, 4), (1e-12, 1, 1e6)))
+        yield "size", f"scale 1e{exponent}", usual, 10.0**exponent
+    yield "size", "scales 1e-12, 1 and 1e6 in one", usual, (1e-12, 1, 1e6)
+
+
+def _shapes() -> Iterator[Case]:
+    for group, name, mean, scales in _extents():
+        yield _case(group, name, primitives(mean, scales))
     for exponent in (80, 100, -300):  # the exponential of 100 is no float32
         yield _case("size", f"scale e^{exponent}", primitives((0.1, 0.2, 4), log_scales=exponent))
     rng = np.random.default_rng(3)
@@ -164,15 +173,8 @@ def _dog(n_layers: int) -> Iterator[Case]:
 def _along_own_axes(of_one: Callable[..., Case]) -> Iterator[Case]:
     """Of a group whose numbers are along the axes of the primitive, everything that these may be."""
     yield of_one("ordinary")
-    for exponent in range(1, 7):
-        ratio = 10.0**exponent
-        for name, scales in {"needle": (1 / ratio, 1 / ratio, 1), "disc": (1 / ratio, 1, 1)}.items():
-            yield of_one(f"{name}, axis ratio 1e{exponent}", (0.1, 0.2, 4), scales)
-    yield of_one("needle, 40,000 px long", (0.1, 0.2, 4), (1e-3, 1e-3, 1e3))
-    yield of_one("needle along the optical axis", (0.02, 0.01, 4), (0.05, 0.05, 50))
-    for exponent in (-12, -6, -3, 3, 6, 12):
-        yield of_one(f"scale 1e{exponent}", (0.1, 0.2, 4), 10.0**exponent)
-    yield of_one("scales 1e-12, 1 and 1e6 in one", (0.1, 0.2, 4), (1e-12, 1, 1e6))
+    for _, name, mean, scales in _extents():
+        yield of_one(name, mean, scales)
     yield of_one("wide, its centre just before the near plane", (0.1, 0, 0.21), (2, 3, 4))
     yield of_one("wide, its centre far beside the image", (30, 5, 4), (20, 15, 10))
     yield of_one("opaque", logits=17)
@@ -264,17 +266,14 @@ def _not_finite() -> Iterator[Case]:
     names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales",
              "color_slopes", "brightness_curvatures", "cut_normals", "second_cut_normals", *SHIFTS.names)  # fmt: skip
     for name in names:
-        slopes = SLOPES_OF_ONE if name in (*SLOPES.names, "log_scales") else None  # which a size changes, too
-        normals = NORMAL_OF_ONE if name in (*CUTS.names, "log_scales") else None
+        kinds = [kind for kind, (group, _) in OF_ONE.items() if name in group.names]
+        if name == "log_scales":
+            kinds = ["slopes", "normals", "shifts"]  # which a size changes, too
+        rows = {kind: OF_ONE[kind][1] for kind in kinds}
         for value in (np.nan, np.inf, -np.inf):
             if "logit" in name and not np.isnan(value):
                 continue  # an opacity of 0 or 1, see there
-            pair = [(0.1, 0.2, 3), (0.3, 0.2, 3.2)]
-            second_normals = SECOND_NORMAL_OF_ONE if name in SECOND_CUTS.names else None
-            curvatures = CURVATURES_OF_ONE if name in CURVATURES.names else None
-            shifts = SHIFTS_OF_ONE if name in (*SHIFTS.names, "log_scales") else None
-            extreme = primitives(pair, dog=name.startswith("dog"), slopes=slopes, curvatures=curvatures,
-                                 normals=normals, second_normals=second_normals, shifts=shifts)  # fmt: skip
+            extreme = primitives([(0.1, 0.2, 3), (0.3, 0.2, 3.2)], dog=name.startswith("dog"), **rows)
             broken = getattr(extreme, name).copy()
             broken.reshape(2, -1)[0, -1] = value
             broken_splats = replace(extreme, **{name: broken})

@@ -50,13 +50,11 @@ def add_settings(
             continue
         setting = replace(setting, help=said.get(name, setting.help))
         flag, default = "--" + name.replace("_", "-"), getattr(kind, name)
-        if hint is bool:
-            parser.add_argument(flag, action="store_true", help=setting.help)
-            continue
-        if _parsed(hint)[0] is bool:  # with None, for what somebody else says
-            parser.add_argument(flag, action=argparse.BooleanOptionalAction, help=setting.help)
-            continue
         value, count = _parsed(hint)
+        if value is bool:  # with None, for what somebody else says, there is a --no-FLAG, too
+            action = "store_true" if hint is bool else argparse.BooleanOptionalAction
+            parser.add_argument(flag, action=action, help=setting.help)
+            continue
         metavar: Any = setting.metavar or METAVARS[value]
         text = " ".join(map(str, default)) if isinstance(default, tuple) else default
         options: dict[str, Any] = {"nargs": count, "metavar": tuple(metavar.split())} if count else {"metavar": metavar}

@@ -12,7 +12,6 @@ What is complete is not repeated, and what was cut off goes on from its checkpoi
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
@@ -23,19 +22,17 @@ from typing import Any
 import numpy as np
 
 from ..datasets import load_dataset
-from ..datasets.dataset import View
 from ..datasets.masks import Masks, all_black
-from ..report.run_folder import CONFIG
 from ..support.cores import usable_cores
 from ..support.errors import DataError, making
-from ..support.files import is_empty, read_object, remove_parts, replacing, write_json
+from ..support.files import is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
 from ..support.wording import counted
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
 from .crops import MaskOf
 from .execute import Means, one_after_another
-from .folders import REMEDY, VIEWS, settings_in
+from .folders import claim, claim_views
 from .methods import METHODS
 from .numbers import numbers
 from .page import comparison_page
@@ -76,17 +73,8 @@ def compare(
     out = Path(out)
     folders = [out / name for name in _names(data)]
     _check_folder(out)
-    views, masks_of = [], {}  # of the data sets
-    for folder, path in zip(folders, data, strict=True):
-        dataset = load_dataset(path, config.downscale, split=config.split)
-        if not dataset.test:
-            raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
-        if config.masks:
-            found = Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
-            if all(mask is not None and not mask.any() for mask in map(found.of, dataset.test)):
-                raise all_black(config.masks, "view that is measured")
-            masks_of[folder.name] = _by_name(found, dataset.test)
-        views.append({part: [view.name for view in getattr(dataset, part)] for part in ("train", "test")})
+    views, masks_of_each = zip(*(_views_of(path, config) for path in data), strict=True)
+    masks_of = {folder.name: of for folder, of in zip(folders, masks_of_each, strict=True) if of}
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         if not (out / COMPARISON).exists():
@@ -95,7 +83,7 @@ def compare(
         masks = None if config.masks is None else str(Path(config.masks).resolve())
         for folder, path, names in zip(folders, data, views, strict=True):
             claim(folder, replace(config, data=str(Path(path).resolve()), masks=masks))
-            _claim_views(folder, names)
+            claim_views(folder, names)
         whole = [int(seed) for seed in seeds]  # those of NumPy are in no JSON
         tasks = [task for task in all_tasks(folders, whole, methods, targets) if not task.done]
         failed: dict[str, str] = {}
@@ -112,10 +100,20 @@ def compare(
     return collect_all(out, failed)
 
 
-def _by_name(masks: Masks, views: Sequence[View]) -> MaskOf:
-    """Masks of the views by their names; they hold no images."""
-    known = {view.name: replace(view, stored=np.zeros(0)) for view in views}
-    return lambda name: masks.of(known[name]) if name in known else None
+def _views_of(path: str, config: TrainConfig) -> tuple[dict[str, list[str]], MaskOf | None]:
+    """Names of the views of a data set, ``train`` and ``test``, and masks of the latter, by their names, where there
+    are some. Raises ``DataError`` for what no methods can be compared on."""
+    dataset = load_dataset(path, config.downscale, split=config.split)
+    if not dataset.test:
+        raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
+    names = {part: [view.name for view in getattr(dataset, part)] for part in ("train", "test")}
+    if not config.masks:
+        return names, None
+    masks = Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
+    if all(mask is not None and not mask.any() for mask in map(masks.of, dataset.test)):
+        raise all_black(config.masks, "view that is measured")
+    known = {view.name: replace(view, stored=np.zeros(0)) for view in dataset.test}  # without their images
+    return names, lambda name: masks.of(known[name]) if name in known else None
 
 
 def _check_arguments(
@@ -173,41 +171,6 @@ def _locked(out: Path) -> Iterator[None]:
     with locked(out, "another comparison is writing to it"):
         remove_parts(out, below=False)
         yield
-
-
-def claim(out: Path, config: TrainConfig) -> None:
-    """Make the folder one of runs on a data set, all with these settings. Raises ``DataError`` for anything else.
-
-    While it holds nothing but starts that are complete, which know of no target, that may be another one.
-    """
-    settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed", *FREE)}
-    path = out / CONFIG
-    earlier = {field.name: field.default for field in dataclasses.fields(TrainConfig) if field.name in settings}
-    known = earlier | settings_in(out) if path.exists() else settings
-    if known != settings and not (known | {"target": settings["target"]} == settings and _has_starts_alone(out)):
-        name = next(name for name in settings | known if known.get(name) != settings.get(name))
-        problem = f"holds runs with other settings: {name} was {known.get(name)} and is {settings.get(name)} now"
-        raise DataError(out, problem, "name another folder")
-    if not path.exists() and out.is_dir() and not is_empty(out):
-        raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")
-    out.mkdir(parents=True, exist_ok=True)
-    write_json(path, settings)
-
-
-def _claim_views(out: Path, names: dict[str, list[str]]) -> None:
-    """Keep the ``names`` of the views that runs in the folder are on. Raises ``DataError`` if they were others before:
-    no table is of both."""
-    path = out / VIEWS
-    if path.exists() and read_object(path, REMEDY) != names:
-        problem = "holds runs on other views: since then images were added or removed, or the split has changed"
-        raise DataError(out, problem, "name another folder")
-    write_json(path, names)
-
-
-def _has_starts_alone(out: Path) -> bool:
-    """Whether no run in the folder of a data set has begun, and no start has begun and is not complete."""
-    folders = [path for path in out.glob("seed_*/*/") if path.is_dir()]
-    return all(path.name == "start" and path.with_suffix(".npz").exists() for path in folders)
 
 
 def _write(out: Path, failed: dict[str, str], masks: Mapping[str, MaskOf]) -> None:

@@ -11,8 +11,7 @@ RIVALS = (
     *("mask_gaussian", "lp_3dgs", "gaussian_spa", "gns"),
     *("taming", "dash", "mcmc", "improved_gs", "3dgs_capped"),
 )
-OURS = ("ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "ours_curvatures",
-        "ours_shifts")
+OURS = ("ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "ours_second_cuts", "ours_curvatures", "ours_shifts")
 """Each adds to the one before it."""
 EARLY = ("3dgs_early", "ours_early")  # with a shorter growth of their own
 PUBLISHED = ("3dgs", *RIVALS, "paper", "released", "released_40k", "ours_published", *OURS)

@@ -138,26 +138,26 @@ def _runs(table: dict[str, Any]) -> Iterator[tuple[str, str, str, dict[str, Any]
                 yield from ((data, name, seed, numbers) for seed, numbers in of_seeds.items())
 
 
-def markdown(table: dict[str, Any], data: str) -> str:
-    """A table under the name of the data set; the best of the compact models in bold."""
-    shown = [COLUMNS[name][0] for name in columns(table, data)]
-    lines = [f"## {data}", "", f"| {' | '.join(['method', *shown])} |", "|---" * (len(shown) + 1) + "|"]
+def _lines(table: dict[str, Any], data: str, bold: str) -> list[list[str]]:
+    """Headings, then label and cells of each row; ``bold`` is the template for the best of the compact models."""
+    lines = [["method", *(COLUMNS[name][0] for name in columns(table, data))]]
     for method, row in table["methods"].items():
         if data in row["data"]:
-            texts = [f"**{text}**" if best else text for text, best in cells(table, data, method)]
-            lines.append(f"| {' | '.join([label(table, data, method), *texts])} |")
-    return "\n".join([*lines, ""])
+            texts = [bold.format(text) if best else text for text, best in cells(table, data, method)]
+            lines.append([label(table, data, method), *texts])
+    return lines
+
+
+def markdown(table: dict[str, Any], data: str) -> str:
+    """A table under the name of the data set; the best of the compact models in bold."""
+    headings, *rows = _lines(table, data, "**{}**")
+    lines = [f"| {' | '.join(headings)} |", "|---" * len(headings) + "|", *(f"| {' | '.join(row)} |" for row in rows)]
+    return "\n".join([f"## {data}", "", *lines, ""])
 
 
 def latex(table: dict[str, Any], data: str) -> str:
     """A tabular; the best of the compact models in bold."""
-    shown = columns(table, data)
-    lines = [f"% {data}", f"\\begin{{tabular}}{{l{'r' * len(shown)}}}", "\\toprule"]
-    lines.append(" & ".join(["method", *(COLUMNS[name][0] for name in shown)]) + r" \\")
-    lines.append("\\midrule")
-    for method, row in table["methods"].items():
-        if data in row["data"]:
-            texts = [f"\\textbf{{{text}}}" if best else text for text, best in cells(table, data, method)]
-            line = " & ".join([label(table, data, method), *texts]).replace("%", r"\%").replace("±", r"$\pm$")
-            lines.append(line + r" \\")
-    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])
+    headings, *rows = _lines(table, data, r"\textbf{{{}}}")
+    texts = [" & ".join(row).replace("%", r"\%").replace("±", r"$\pm$") + r" \\" for row in rows]
+    head = [f"% {data}", rf"\begin{{tabular}}{{l{'r' * (len(headings) - 1)}}}", r"\toprule"]
+    return "\n".join([*head, " & ".join(headings) + r" \\", r"\midrule", *texts, r"\bottomrule", r"\end{tabular}", ""])

@@ -79,12 +79,8 @@ def require_plausible(dataset: Dataset, convention: str) -> CameraCheck:
     check = check_cameras(dataset, with_colors=False)  # images that stay on disk are not read for it
     share = check.in_front if dataset.observations else check.seen
     if share is not None and share < 0.5:
-        what = (
-            "of the observed points lie in front of" if dataset.observations else "of the points are seen by"
-        )
-        raise DataError(
-            dataset.path, f"only {share:.0%} {what} the cameras", f"check the convention: {convention}"
-        )
+        what = "of the observed points lie in front of" if dataset.observations else "of the points are seen by"
+        raise DataError(dataset.path, f"only {share:.0%} {what} the cameras", f"check the convention: {convention}")
     return check
 
 

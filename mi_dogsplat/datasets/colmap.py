@@ -83,9 +83,7 @@ def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[C
     cameras = read_cameras(camera_file)
     images = sorted(read_images(image_file), key=lambda image: image.name)
     if not images:
-        raise DataError(
-            image_file, "the model has no registered image", "run COLMAP's mapper until images register"
-        )
+        raise DataError(image_file, "the model has no registered image", "run COLMAP's mapper until images register")
     sources, frame_file = [], model_file(model, "frames")
     frames = read_frames(frame_file) if frame_file else {}
     files = image_files(images_at, [image.name for image in images])
@@ -176,9 +174,7 @@ def _observations(
             continue
         rows = np.minimum(np.searchsorted(points.ids, image.point_ids[seen]), len(points.ids) - 1)  # [M]
         if (points.ids[rows] != image.point_ids[seen]).any():
-            raise DataError(
-                model, f'image "{image.name}" sees a point that points3D lacks', "export the model again"
-            )
+            raise DataError(model, f'image "{image.name}" sees a point that points3D lacks', "export the model again")
         scale = (view.camera.fx / source.camera.fx, view.camera.fy / source.camera.fy)
         observations[source.name] = Observations(pixels[seen] * scale, rows)
     return observations

@@ -52,8 +52,7 @@ class ColmapCamera:
 
 @dataclass(frozen=True, eq=False)
 class ColmapImage:
-    """Pose (OpenCV world-to-camera [4, 4]) and observed pixels [M, 2] with the ids [M] of their points (-1:
-    none)."""
+    """Pose (OpenCV world-to-camera [4, 4]) and observed pixels [M, 2] with the ids [M] of their points (-1: none)."""
 
     image_id: int
     name: str

@@ -59,9 +59,7 @@ def camera_of(file: Path, frame: dict[str, Any], w2c: np.ndarray, image_path: Pa
     fx = _focal(frame, "fl_x", "camera_angle_x", width)
     fy = _focal(frame, "fl_y", "camera_angle_y", height)
     if fx is None and fy is None:
-        raise DataError(
-            file, "has no focal length", 'add "fl_x" and "fl_y" in pixels, or "camera_angle_x" in radians'
-        )
+        raise DataError(file, "has no focal length", 'add "fl_x" and "fl_y" in pixels, or "camera_angle_x" in radians')
     fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)  # one focal length means square pixels
     assert fx is not None and fy is not None
     cx, cy = number_in(frame, "cx", width / 2), number_in(frame, "cy", height / 2)

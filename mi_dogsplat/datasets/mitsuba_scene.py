@@ -1,5 +1,4 @@
-"""A Mitsuba scene as a data set: each sensor is rendered with the scene's own integrator and becomes a
-view."""
+"""A Mitsuba scene as a data set: each sensor is rendered with the scene's own integrator and becomes a view."""
 
 from __future__ import annotations
 
@@ -8,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..scene.cameras import Camera
 from ..scene.mitsuba_cameras import camera_from_mitsuba
 from ..support.errors import DataError, interruptible
 from ..support.pictures import without_aovs
@@ -29,8 +29,6 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int, split: str = "test"
     set. Raises ``DataError``, also for sensors that are no pinhole, and for scenes of splats: who wants to learn
     from their pictures makes a data set of them first.
     """
-    import mitsuba as mi
-
     if has_splats(file):
         remedy = "render it (dogsplat render), or make a data set of its pictures (dogsplat capture)"
         raise DataError(file, "is a scene of splats, not a data set", remedy)
@@ -42,32 +40,37 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int, split: str = "test"
     require_unique_names(file, names)
     train, test = held_out(*every_eighth(names), split)
     wanted = {*train, *test}
-    read, cameras, linear_images = [name for name in names if name in wanted], [], []
-    for i, sensor in enumerate(sensors):
-        if names[i] not in read:
-            continue
-        try:
-            camera = camera_from_mitsuba(sensor)
-        except ValueError as error:
-            raise DataError(file, f"{told(sensor, i)}: {error}", "correct or remove that sensor") from error
-        cameras.append(shrunk(file, camera, told(sensor, i), downscale))
-        try:
-            linear = _render(mi, scene, i, spp)  # [H, W, 3 or 4]
-        except RuntimeError as error:
-            raise scene_error(file, error, f"Mitsuba cannot render {told(sensor, i)}") from error
-        if not np.isfinite(linear).all():
-            raise DataError(file, f"the render of {told(sensor, i)} is not finite", "correct the scene")
-        linear_images.append(box_downscale(linear, downscale))
-    has_alpha = any(image.shape[2] == 4 and image[..., 3].min() < 1 for image in linear_images)
-    images = [_display(image, has_alpha) for image in linear_images]
-    views = [View(*parts) for parts in zip(read, cameras, images, strict=True)]
+    shots = {name: _shot(file, scene, i, spp, downscale) for i, name in enumerate(names) if name in wanted}
+    has_alpha = any(image.shape[2] == 4 and image[..., 3].min() < 1 for _, image in shots.values())
+    views = [View(name, camera, _display(image, has_alpha)) for name, (camera, image) in shots.items()]
     return Dataset(file, views_named(views, train), views_named(views, test), *no_points(), has_alpha)
 
 
-def _render(mi: Any, scene: Any, sensor_index: int, spp: int) -> np.ndarray:
+def _shot(file: Path, scene: Any, sensor_index: int, spp: int, downscale: int) -> tuple[Camera, np.ndarray]:
+    """The camera of a sensor, and its linear picture [H, W, 3 or 4]. Raises ``DataError``."""
+    sensor = scene.sensors()[sensor_index]
+    which = told(sensor, sensor_index)
+    try:
+        camera = camera_from_mitsuba(sensor)
+    except ValueError as error:
+        raise DataError(file, f"{which}: {error}", "correct or remove that sensor") from error
+    camera = shrunk(file, camera, which, downscale)
+    try:
+        linear = _render(scene, sensor_index, spp)
+    except RuntimeError as error:
+        raise scene_error(file, error, f"Mitsuba cannot render {which}") from error
+    if not np.isfinite(linear).all():
+        raise DataError(file, f"the render of {which} is not finite", "correct the scene")
+    return camera, box_downscale(linear, downscale)
+
+
+def _render(scene: Any, sensor_index: int, spp: int) -> np.ndarray:
     """Linear render of one sensor without its AOVs: float32 [H, W, 3], or [H, W, 4] premultiplied."""
+    import mitsuba as mi
+
+    render: Any = mi.render  # whose stubs know no number as a seed
     with interruptible():
-        mi.render(scene, sensor=sensor_index, spp=spp, seed=sensor_index)
+        render(scene, sensor=sensor_index, spp=spp, seed=sensor_index)
     bitmap = without_aovs(scene.sensors()[sensor_index].film().bitmap())
     formats = mi.Bitmap.PixelFormat
     alpha = bitmap.pixel_format() in (formats.RGBA, formats.YA, formats.XYZA)
@@ -75,8 +78,7 @@ def _render(mi: Any, scene: Any, sensor_index: int, spp: int) -> np.ndarray:
 
 
 def _display(linear: np.ndarray, has_alpha: bool) -> np.ndarray:
-    """sRGB values of a linear image; the curve is applied to straight colour, which is then premultiplied
-    again."""
+    """sRGB values of a linear image; the curve is applied to straight colour, which is then premultiplied again."""
     if not has_alpha:
         return linear_to_srgb(np.clip(linear[..., :3], 0, 1))
     if linear.shape[2] == 3:

@@ -23,9 +23,7 @@ def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
             reader = TableReader(path, file, path.stat().st_size)
             table = reader.tables({"vertex"}).get("vertex")
     except OSError as error:
-        raise DataError(
-            path, f"cannot be read ({error.strerror})", "correct ply_file_path or remove it"
-        ) from error
+        raise DataError(path, f"cannot be read ({error.strerror})", "correct ply_file_path or remove it") from error
     names = () if table is None else table.dtype.names or ()
     if table is None or not {"x", "y", "z"} <= set(names):
         raise DataError(path, "has no element vertex with x y z", REMEDY)

@@ -22,9 +22,7 @@ SURROUNDING = 4.0  # a floor or dome is so many times larger than all that is sm
 FLAT = 0.02  # thickness of a floor, times its diagonal
 
 
-def load_scene(
-    path: Path, hide_emitters: bool = False, defined: Mapping[str, str] | None = None
-) -> tuple[Any, bool]:
+def load_scene(path: Path, hide_emitters: bool = False, defined: Mapping[str, str] | None = None) -> tuple[Any, bool]:
     """(scene, whether cameras see no lamps). A Mitsuba variant must be set. Raises ``DataError``.
 
     ``hide_emitters`` sets that parameter of the scene's integrators, whatever the file says; ``defined``: values of its
@@ -109,18 +107,12 @@ def _splats_and_integrators(path: Path, defined: Mapping[str, str] | None = None
     """(number of ``dog`` shapes, plugins of the integrators, nested ones included) of a scene. Raises ``DataError``."""
     import mitsuba as mi
 
-    plugins = [(node.type, node.props.plugin_name()) for node in _parsed(path, defined).nodes]
-    n_splats = plugins.count((mi.ObjectType.Shape, "dog"))
-    return n_splats, {name for kind, name in plugins if kind == mi.ObjectType.Integrator}
-
-
-def _parsed(path: Path, defined: Mapping[str, str] | None) -> Any:
-    """What Mitsuba's parser makes of a scene. Raises ``DataError``."""
-    import mitsuba as mi
-
     config = _parser_config(path)
     with _finding_files(path):
-        return mi.parser.parse_file(config, str(path), **(defined or {}))
+        state = mi.parser.parse_file(config, str(path), **(defined or {}))
+    plugins = [(node.type, node.props.plugin_name()) for node in state.nodes]
+    n_splats = plugins.count((mi.ObjectType.Shape, "dog"))
+    return n_splats, {name for kind, name in plugins if kind == mi.ObjectType.Integrator}
 
 
 def _parser_config(path: Path) -> Any:

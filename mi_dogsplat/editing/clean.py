@@ -72,14 +72,15 @@ def clean_model(
     Pictures need a Mitsuba variant. Raises ``DataError``.
     """
     require_class("clean_model: what is not wanted", config, CleanConfig, "give a CleanConfig")
-    if data or preview:
+    draws = bool(data or preview)
+    if draws:
         require_arrays()
     model, out = Path(model), Path(out)
     if config.needs_data and not data:
         raise DataError(config.needs_data, "needs the training views of a data set", "add --data DATA")
     if preview and Path(preview).suffix.lower() != ".png":
         raise DataError(preview, "no known picture format", "name a file that ends in .png")
-    options.require_use(images=bool(data or preview), pictures=bool(data or preview))
+    options.require_use(images=draws, pictures=draws)
     chosen = format_to_write(out)
     require_encoder(out, chosen)
     if chosen is not PLY and config.mixed_sh:
@@ -95,16 +96,8 @@ def clean_model(
     drawing = world.over(options.drawing.over(read.drawing), data)
     dataset = load_dataset(data, options.shrink) if data else None
     views = dataset.train if dataset else []
-    wanted, taken_out = np.ones(splats.n_splats, bool), [("not finite", int((~finite).sum()))]
     masks = Masks(config.masks, views) if config.masks else None
-    for reason, keep in rules(splats, config, views, masks, drawn):
-        taken_out.append((reason, int((wanted & ~keep).sum())))
-        wanted &= keep
-    if config.connected:  # of what is left: a crop may cut a part off
-        rows = np.flatnonzero(wanted)
-        wanted[rows[~largest_parts(splats.select(rows), config.connected)]] = False
-        taken_out.append(("not connected", len(rows) - int(wanted.sum())))
-    kept = splats.select(wanted)
+    kept, taken_out = wanted(splats, config, views, masks, drawn)
     unneeded = Unneeded.of(kept)
     after = unneeded.taken_out(kept, config.mixed_sh)
     if after.n_splats == 0:
@@ -117,15 +110,31 @@ def clean_model(
     quality = _quality(dataset, splats, after, options.background, drawn, masks) if dataset else None
     if preview:
         write_preview(Path(preview), replace(read, splats=splats, drawing=drawing), after, data, options)
-    found = [(reason, number) for reason, number in taken_out if number]
+    found = [(reason, number) for reason, number in [("not finite", int((~finite).sum())), *taken_out] if number]
     idle = unneeded.described(kept, config.mixed_sh)
     return Cleaned(read.splats.n_splats, after.n_splats, found, idle, quality, left_out)
+
+
+def wanted(
+    splats: Splats, config: CleanConfig, views: Sequence[View], masks: Masks | None, drawn: DrawnAs
+) -> tuple[Splats, list[tuple[str, int]]]:
+    """What is wanted of a model, and how many primitives leave for each reason, the first that holds of each."""
+    kept, numbers = np.ones(splats.n_splats, bool), []
+    for reason, keep in rules(splats, config, views, masks, drawn):
+        numbers.append((reason, int((kept & ~keep).sum())))
+        kept &= keep
+    left = splats.select(kept)
+    if config.connected:  # of what is left: a crop may cut a part off
+        parts = largest_parts(left, config.connected)
+        numbers.append(("not connected", int((~parts).sum())))
+        left = left.select(parts)
+    return left, numbers
 
 
 def rules(
     splats: Splats, config: CleanConfig, views: Sequence[View], masks: Masks | None, drawn: DrawnAs
 ) -> list[tuple[str, Array]]:
-    """Why primitives leave, and which of them stay [N], rule by rule; parts are looked for later, in what is left."""
+    """Why primitives leave, and which of them stay [N], rule by rule."""
     found, cameras = [], [view.camera for view in views]
     if config.box:
         found.append(("outside of the box", in_box(splats, config.box[:3], config.box[3:])))

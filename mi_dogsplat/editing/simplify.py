@@ -9,9 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..engine.device_camera import DeviceCamera
-from ..engine.options import RasterOptions
-from ..engine.parameters import upload
 from ..export.bake import baked
 from ..export.refine import GREY, look_from_near, rendered
 from ..formats.read import read_source
@@ -26,9 +23,8 @@ from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
 from ..scene.kinds import varying
 from ..scene.radiance import from_units_of_white, in_units_of_white
-from ..scene.splats import Array, Splats
+from ..scene.splats import Splats
 from ..scene.whole import whole
-from ..scores.weights import weights
 from ..support.classes import require_class
 from ..support.errors import DataError
 from ..support.srgb import displayed
@@ -38,6 +34,7 @@ from ..training.fit import GAINS, Look, fit
 from ..training.strategy.dog_control import DogRule
 from .merge import merge
 from .simplify_config import SimplifyConfig
+from .views import weights_in
 
 RESOLUTION = 1e-3  # of the radius of a model, below which shapes are alike
 LEAST_WEIGHT = 1e-3  # of the mean weight: of what no view sees, and some other might
@@ -147,18 +144,11 @@ def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Sp
     needed = Unneeded.of(plain).taken_out(plain).uniform_sh()
     if not needed.n_splats:
         return needed
-    seen = amounts_seen(needed, cameras, look)
+    seen = weights_in(needed, cameras, look.drawn).total
     seen = np.maximum(seen, LEAST_WEIGHT * (seen.mean() or 1.0))
     start = in_units_of_white(needed, look.drawn)  # colours in the unit of a picture
     found = merge(start, target, RESOLUTION * robust_sphere(needed)[1], seen)
     return from_units_of_white(found, look.drawn)
-
-
-def amounts_seen(splats: Splats, cameras: list[Camera], look: Look) -> Array:
-    """[N] Σ α T over all pixels of all cameras."""
-    devices = [DeviceCamera.upload(camera, look.drawn.near_clip) for camera in cameras]
-    how = RasterOptions(sh_degree=splats.sh_degree, antialiased=look.drawn.antialiased)
-    return weights(upload(splats), devices, how).total
 
 
 def fitted(

@@ -18,7 +18,7 @@ from ..scene.cameras import Camera
 from ..scene.drawing import DrawnAs
 from ..scene.shifts import seen_from
 from ..scene.splats import Array, Splats
-from ..scores.weights import weights
+from ..scores.weights import Weights, weights
 from .regions import deviations_along
 
 FREE_VIEWS = 3  # at least so many views look through a place that is free
@@ -27,19 +27,24 @@ DEPTH_SHARE = 0.15  # of the depth of a surface: what lies so near in front of i
 DEVIATIONS = 3.0  # of a primitive along the ray, likewise
 
 
-def seen(splats: Splats, cameras: Sequence[Camera], drawn: DrawnAs) -> Array:
-    """[N] bool, what is blended into some pixel of some view: without the others all these views have the same bits."""
+def weights_in(
+    splats: Splats, cameras: Sequence[Camera], drawn: DrawnAs, planes: Sequence[Array] | None = None
+) -> Weights:
+    """How much the primitives weigh in what cameras see of a model; ``planes`` [H, W] as ``weights`` takes them."""
     devices = [DeviceCamera.upload(camera, drawn.near_clip) for camera in cameras]
     options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawn.antialiased)
-    return weights(upload(splats), devices, options).pixels > 0
+    return weights(upload(splats), devices, options, planes)
+
+
+def seen(splats: Splats, cameras: Sequence[Camera], drawn: DrawnAs) -> Array:
+    """[N] bool, what is blended into some pixel of some view: without the others all these views have the same bits."""
+    return weights_in(splats, cameras, drawn).pixels > 0
 
 
 def within_masks(splats: Splats, views: Sequence[View], masks: Masks, drawn: DrawnAs) -> Array:
     """[N] bool, what has more than half of its blending weight in white pixels; views without a mask tell nothing."""
     painted = [(view, mask) for view in views if (mask := masks.of(view)) is not None]
-    devices = [DeviceCamera.upload(view.camera, drawn.near_clip) for view, _ in painted]
-    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawn.antialiased)
-    found = weights(upload(splats), devices, options, [mask for _, mask in painted])
+    found = weights_in(splats, [view.camera for view, _ in painted], drawn, [mask for _, mask in painted])
     return found.weighted > 0.5 * found.total
 
 

@@ -57,22 +57,6 @@ def steps_for(dataset: Dataset | None) -> int:
     return min(max(STEPS, PASSES * len(dataset.train)), MOST_STEPS) if dataset else STEPS
 
 
-def goal_of(
-    model: Splats,
-    dataset: Dataset | None,
-    most: int,
-    options: PictureOptions,
-    drawn: DrawnAs,
-    up: str | None = None,
-    masks: Masks | None = None,
-    appearance: Appearance | None = None,
-) -> Goal:
-    """The photographs of a data set, or renders of the model, which stands ``up``, from at most ``most`` views."""
-    if dataset is None:
-        return by_renders(model, most, drawn, up)
-    return by_data(model, dataset, most, options, drawn, masks, appearance)
-
-
 def by_data(
     model: Splats,
     dataset: Dataset,

@@ -35,8 +35,8 @@ from ..support.variants import require_arrays
 from ..support.wording import counted
 from .export_config import SMALL_GRIDS, ExportConfig
 from .losses import Loss, losses, views_of
-from .refine import goal_of, refined, steps_for
-from .stages import AS_IT_IS, on_grids, stages_of, taken_out
+from .refine import by_data, by_renders, refined, steps_for
+from .stages import on_grids, stages_of, taken_out
 from .web_page import PAGE, opening_of, read_page, write_page
 
 
@@ -91,45 +91,51 @@ def export_model(
     left_out = [*(f"{model.name}: {line}" for line in read.left_out), *taken_out(stages, chosen)]
     plain, seconds = list(stages.values())[-1], None
     steps = _steps(config, plain is not read.splats)
-    if steps != 0 or config.views:
+    draws = steps != 0 or config.views > 0  # for steps or measures
+    if draws:
         require_arrays()
-    grids = SMALL_GRIDS[chosen.name] if config.small else None
-    looked_at = data if steps != 0 or config.views else None
+    looked_at = data if draws else None
     options.require_use(images=bool(looked_at), pictures=bool(page or config.views or looked_at))
     if data and not (looked_at or page or world.scale):
         unused = "there is nothing to refine, and --views 0 measures nothing"
         left_out.append(f"only world.json of --data is used: {unused}")
     if config.masks and not looked_at:
         refuse("masks", "is for photographs, and none are used", "add --data DATA, or leave it out")
-    dataset = load_dataset(looked_at, options.shrink) if looked_at else None
-    masks = Masks(config.masks, dataset.views) if dataset and config.masks else None
-    if dataset:
+    dataset, masks = None, None
+    if looked_at:
+        dataset = load_dataset(looked_at, options.shrink)
+        masks = Masks(config.masks, dataset.views) if config.masks else None
         left_out += without_mask(config.masks, (view.name for view in dataset.views))
         left_out += without_masks_of_run(model, config.masks)
     steps = steps_for(dataset) if steps is None else steps
+    grids = SMALL_GRIDS[chosen.name] if config.small else None
     if steps:
         if Unneeded.of(plain).invisible.all():
             problem = "all of its primitives are invisible, so that refinement has no effect"
             raise DataError(model, problem, "add --refine 0, or use another model")
         start = time.perf_counter()
-        learned = model.parent / APPEARANCE
-        appearance = read_appearance(learned) if dataset and learned.is_file() else None
-        goal = goal_of(read.splats, dataset, steps, options, drawn, drawing.up, masks, appearance)
+        if dataset:
+            learned = model.parent / APPEARANCE
+            appearance = read_appearance(learned) if learned.is_file() else None
+            goal = by_data(read.splats, dataset, steps, options, drawn, masks, appearance)
+        else:
+            goal = by_renders(read.splats, steps, drawn, drawing.up)
         plain = stages[f"refined, {counted(steps, 'step')}"] = refined(plain, goal, steps, show, grids)
         seconds = time.perf_counter() - start
     elif grids:
         plain = stages["on coarse grids"] = on_grids(plain, grids, drawn)
-    written, matrix = replace(read, splats=plain, drawing=drawing), np.eye(4)
+    written, turned = replace(read, splats=plain, drawing=drawing), np.eye(4)
     if page:
         left_out += _write_page(model, out, written, config.dog, grids, data, options)
     else:
-        written, matrix = upright(written) if world.upright else (written, matrix)
+        if world.upright:
+            written, turned = upright(written)
         left_out += write_model(out, written, config.spz_version)
     if not config.views:
         return Exported(plain.n_splats, 0, [], left_out, seconds)
-    seen = views_of(stages[AS_IT_IS], dataset, config.views, options, drawn, drawing.up, masks)
+    seen = views_of(read.splats, dataset, config.views, options, drawn, drawing.up, masks)
     again = _in_units_of(drawn, read_page(out) if page else read_model(out), chosen)
-    stages["read from the file"] = transformed(again, np.linalg.inv(matrix))
+    stages["read from the file"] = transformed(again, np.linalg.inv(turned))
     return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out, seconds)
 
 

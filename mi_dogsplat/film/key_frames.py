@@ -121,7 +121,10 @@ def _curves(
 
 
 def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
-    """Raises ``ValueError``, ``TypeError`` or ``KeyError`` for what is no key."""
+    """``up`` is upright for ``look_at``, ``focal`` what a key without ``fov`` has.
+
+    Raises ``ValueError``, ``TypeError`` or ``KeyError`` for what is no key.
+    """
     if not isinstance(entry, dict):
         raise ValueError("is not a JSON object")
     time = number_in(entry, "time") if "time" in entry else None
@@ -129,14 +132,22 @@ def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
         raise ValueError('"time" is not finite')
     if time is not None and abs(time) > LARGEST:
         raise ValueError(f'"time" is beyond {LARGEST:g}')
-    if "w2c" in entry:
-        camera = camera_in_file(entry)
-        focal, offset = focal_of_camera(camera), offset_of_camera(camera)
-        if abs(camera.position).max() > LARGEST or not 1 / LARGEST <= focal <= LARGEST:
-            raise ValueError(f"its position is beyond {LARGEST:g}, or its focal length no length of a lens")
-        if np.abs(offset).max() > LARGEST:
-            raise ValueError(f"its principal point is beyond {LARGEST:g} sides of the picture")
-        return Key(time, camera.c2w, focal, None, (camera.width, camera.height), offset)
+    return _key_of_camera(time, entry) if "w2c" in entry else _key_at_position(time, entry, up, focal)
+
+
+def _key_of_camera(time: float | None, entry: dict[str, Any]) -> Key:
+    """As ``_key``."""
+    camera = camera_in_file(entry)
+    focal, offset = focal_of_camera(camera), offset_of_camera(camera)
+    if abs(camera.position).max() > LARGEST or not 1 / LARGEST <= focal <= LARGEST:
+        raise ValueError(f"its position is beyond {LARGEST:g}, or its focal length no length of a lens")
+    if np.abs(offset).max() > LARGEST:
+        raise ValueError(f"its principal point is beyond {LARGEST:g} sides of the picture")
+    return Key(time, camera.c2w, focal, None, (camera.width, camera.height), offset)
+
+
+def _key_at_position(time: float | None, entry: dict[str, Any], up: np.ndarray, focal: float) -> Key:
+    """As ``_key``."""
     position = _numbers(entry, "position", 3)
     if ("look_at" in entry) == ("rotation" in entry):
         raise ValueError('needs "look_at" or "rotation", one of them')

@@ -11,7 +11,7 @@ from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from . import spz
 from .grids import LLOYD_ROUNDS, MOST_ENTRIES, Extents, FileGrids, Grid, Steps
-from .packing import SQRT2, logits
+from .packing import SQRT2, logits, signed_exp, signed_log
 from .palette import CODES
 
 MOST_BITS = 20  # of a position in SPZ, for a table that is searched
@@ -39,12 +39,12 @@ def _spz(extents: Extents, steps: Steps) -> FileGrids:
 
 def _sog(extents: Extents, steps: Steps) -> FileGrids:
     """Positions lie between bounds, 16 bits of sign(x) ln(1 + |x|); other tables may hold 256 values of any kind."""
-    low, high = (np.sign(x) * np.log1p(np.abs(x)) for x in (extents.low, extents.high))
+    low, high = signed_log(extents.low), signed_log(extents.high)
     between = max(float((high - low).max()) / 65535, 1e-12)  # two codes, at most
     bits = int(np.clip(np.floor(np.log2(steps.position * extents.small_at_1 / between)), 0, 15))
     codes = np.append(np.arange(0, 65535, 2**bits), 65535)  # both ends: what encodes it finds them as bounds
     logs = [a + (b - a) * codes / 65535 for a, b in zip(low, high, strict=True)]
-    x, y, z = (Grid.of(np.sign(log) * np.expm1(np.abs(log))) for log in logs)
+    x, y, z = (Grid.of(signed_exp(log)) for log in logs)
     middle = np.arange(0, 256, steps.rotation) + steps.rotation // 2
     return FileGrids(
         means=(x, y, z),

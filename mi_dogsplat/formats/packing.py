@@ -55,6 +55,16 @@ def from_smallest_three(largest: Array, three: Array) -> Array:
     return quats
 
 
+def signed_log(x: Array) -> Array:
+    """sign(x) ln(1 + |x|): places far away in coarser steps, as SOG has them."""
+    return np.sign(x) * np.log1p(np.abs(x))
+
+
+def signed_exp(logs: Array) -> Array:
+    """The inverse of ``signed_log``."""
+    return np.sign(logs) * np.expm1(np.abs(logs))
+
+
 def logits(opacities: Array) -> Array:
     """Finite logits of opacities 0..1."""
     p = np.clip(opacities.astype(np.float64), SMALLEST_OPACITY, 1 - SMALLEST_OPACITY)

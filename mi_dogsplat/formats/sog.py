@@ -24,7 +24,7 @@ from ..scene.quaternions import WXYZ_FROM_XYZW, unit_quaternions
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
-from .packing import SQRT2, misplaced, smallest_three
+from .packing import SQRT2, misplaced, signed_exp, signed_log, smallest_three
 from .palette import CODES, codebook, nearest, palette
 from .sog_read import FIRST_TAG, PER_ROW
 
@@ -77,12 +77,12 @@ def moved(splats: Splats) -> Array:
         return np.zeros(splats.n_splats, bool)
     steps, low, high = _places(splats.means)
     logs = low + (high - low) * steps / LAST
-    return misplaced(splats, np.sign(logs) * np.expm1(np.abs(logs)))
+    return misplaced(splats, signed_exp(logs))
 
 
 def _places(means: Array) -> tuple[Array, Array, Array]:
     """Codes uint16 [N, 3] of centres [N, 3], and the bounds [3] of their logarithms, between which they lie."""
-    logs = np.sign(means) * np.log1p(np.abs(means.astype(np.float64)))  # [N, 3]
+    logs = signed_log(means.astype(np.float64))  # [N, 3]
     low, high = (end(logs, axis=0) if len(logs) else np.zeros(3) for end in (np.min, np.max))
     return np.round((logs - low) / np.where(high > low, high - low, 1) * LAST).astype(np.uint16), low, high
 

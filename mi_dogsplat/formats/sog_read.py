@@ -26,7 +26,7 @@ from ..support.files import parse_json
 from ..support.wording import counted
 from .limits import require_proportion
 from .model import Model
-from .packing import SQRT2, from_smallest_three, logits
+from .packing import SQRT2, from_smallest_three, logits, signed_exp
 
 FIRST_TAG = 252
 PER_ROW = 64  # entries of the palette
@@ -104,6 +104,44 @@ class _Folder:
         return sum(file.stat().st_size for file in self.meta.parent.glob("*.*") if file.is_file())
 
 
+@dataclass(frozen=True)
+class _Parts:
+    """The parts of a model of N primitives by their names in ``meta``; ``content`` gives the bytes of a file."""
+
+    path: Path
+    size: int
+    content: Callable[[str], bytes]
+    meta: Any
+    first: bool  # version 1
+    n: int
+
+    def picture(self, part: str, which: int = 0) -> Array:
+        """[H, W, 4]"""
+        return _pixels(self.path, self.size, self.content(self.meta[part]["files"][which]))
+
+    def pixels(self, part: str, which: int = 0) -> Array:
+        """[N, 4]"""
+        found = self.picture(part, which).reshape(-1, 4)
+        if len(found) < self.n:
+            problem = f'{counted(self.n, "primitive")}, but a picture of "{part}" has {len(found)} pixels'
+            raise ValueError(problem)
+        return found[: self.n]
+
+    def bounds(self, part: str, ends: int | None = None) -> tuple[Array, Array]:
+        """Least and largest values; ``ends``: how many there are of each, None for one in all."""
+        said = (self.meta[part][end] for end in ("mins", "maxs"))
+        low, high = (_numbers([value] if ends is None else value, ends) for value in said)
+        return low, high
+
+    def values(self, part: str, codes: Array, ends: int | None = None) -> Array:
+        """What the codes of a part stand for; ``ends``: as of ``bounds``, which version 1 has."""
+        if not self.first:
+            return _table(self.meta[part]["codebook"])[codes]
+        low, high = self.bounds(part, ends)
+        used = slice(codes.shape[-1])
+        return low[used] + (high[used] - low[used]) * codes / 255
+
+
 def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
     meta = parse_json(content(META).decode("utf-8-sig"))  # editors of Windows begin a file with a mark
     version = meta.get("version", 1)
@@ -113,47 +151,30 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
     n = meta["means"]["shape"][0] if first else meta["count"]
     if not isinstance(n, int) or isinstance(n, bool) or n < 0:
         raise ValueError(f"its number of primitives is {n}")
-
-    def picture(part: str, which: int = 0) -> Array:
-        """[H, W, 4]"""
-        return _pixels(path, size, content(meta[part]["files"][which]))
-
-    def pixels(part: str, which: int = 0) -> Array:
-        """[N, 4]"""
-        found = picture(part, which).reshape(-1, 4)
-        if len(found) < n:
-            raise ValueError(f'{counted(n, "primitive")}, but a picture of "{part}" has {len(found)} pixels')
-        return found[:n]
-
-    def values(part: str, codes: Array, ends: int | None = None) -> Array:
-        """What the codes of a part stand for; ``ends``: how many bounds version 1 has, None for one in all."""
-        if not first:
-            return _table(meta[part]["codebook"])[codes]
-        low, high = (_numbers([meta[part][end]] if ends is None else meta[part][end], ends) for end in ("mins", "maxs"))
-        used = slice(codes.shape[-1])
-        return low[used] + (high[used] - low[used]) * codes / 255
-
-    palette = picture("shN")[..., :3] if "shN" in meta else np.zeros((0, 0, 3), np.uint8)  # [rows, PER_ROW (K - 1), 3]
-    rest = SH_SIZES[meta["shN"].get("bands", 3)] if "shN" in meta and not first else palette.shape[1] // PER_ROW
+    parts = _Parts(path, size, content, meta, first, n)
+    has_rest = "shN" in meta
+    palette = parts.picture("shN")[..., :3] if has_rest else np.zeros((0, 0, 3), np.uint8)  # [rows, 64 (K - 1), 3]
+    rest = SH_SIZES[meta["shN"].get("bands", 3)] if has_rest and not first else palette.shape[1] // PER_ROW
     if rest not in SH_SIZES:
         raise ValueError(f'a picture of "shN" is {palette.shape[1]} pixels wide')
     require_proportion(path, n * (NUMBERS + 3 * rest), size)
-    low, high = (_numbers(meta["means"][end], 3) for end in ("mins", "maxs"))
-    logs = low + (high - low) * (pixels("means", 0)[:, :3] + 256.0 * pixels("means", 1)[:, :3]) / 65535
-    quats, sh0 = pixels("quats"), pixels("sh0")
+    low, high = parts.bounds("means", 3)
+    logs = low + (high - low) * (parts.pixels("means", 0)[:, :3] + 256.0 * parts.pixels("means", 1)[:, :3]) / 65535
+    quats, sh0 = parts.pixels("quats"), parts.pixels("sh0")
     if n and quats[:, 3].min() < FIRST_TAG:
         raise ValueError("a quaternion names no component as its largest")
-    sh = values("sh0", sh0[:, :3], 4)[:, None]  # [N, 1, 3]
+    sh = parts.values("sh0", sh0[:, :3], 4)[:, None]  # [N, 1, 3]
     if rest:
-        entry = palette.reshape(-1, rest, 3) if palette.shape[1] == PER_ROW * rest else palette[:0]
-        label = pixels("shN", 1).astype(np.int64)
-        sh = np.concatenate([sh, values("shN", entry[label[:, 0] + 256 * label[:, 1]]).reshape(n, rest, 3)], axis=1)
+        entries = palette.reshape(-1, rest, 3) if palette.shape[1] == PER_ROW * rest else palette[:0]
+        label = parts.pixels("shN", 1).astype(np.int64)
+        codes = entries[label[:, 0] + 256 * label[:, 1]]
+        sh = np.concatenate([sh, parts.values("shN", codes).reshape(n, rest, 3)], axis=1)
     wxyz = from_smallest_three(quats[:, 3].astype(np.int64) - FIRST_TAG, (quats[:, :3] / 127.5 - 1) / SQRT2)
     splats = Splats(
-        means=np.sign(logs) * np.expm1(np.abs(logs)),
-        log_scales=values("scales", pixels("scales")[:, :3], 3),
+        means=signed_exp(logs),
+        log_scales=parts.values("scales", parts.pixels("scales")[:, :3], 3),
         quats=wxyz[:, XYZW_FROM_WXYZ],
-        logit_opacities=values("sh0", sh0, 4)[:, 3] if first else logits(sh0[:, 3] / 255),
+        logit_opacities=parts.values("sh0", sh0, 4)[:, 3] if first else logits(sh0[:, 3] / 255),
         sh_coeffs=sh,
     )
     antialias = value_of("antialiased", meta.get("antialias"))

@@ -30,7 +30,7 @@ def describe(path: str | Path) -> list[str]:
     path = Path(path)
     kind = kind_of(path)
     if kind == "data" and path.suffix == ".xml":
-        from ..datasets.scene_file import has_splats  # here: see ``_is_dataset``
+        from ..datasets.scene_file import has_splats  # here: see ``kind_of``
         from .scene import describe_scene  # of the active variant
 
         if has_splats(path):
@@ -47,7 +47,11 @@ def kind_of(path: Path) -> str:
         return "model"
     if path.is_dir() and any((path / name).is_file() for name in RUN_FILES):
         return "run"
-    if path.suffix in DATA_FILES if path.is_file() else _is_dataset(path):
+    if path.is_file() and path.suffix in DATA_FILES:
+        return "data"
+    from ..poses.input import has_cameras  # here: data sets need the extra "train", models and runs do not
+
+    if path.is_dir() and has_cameras(path):
         return "data"
     raise _unknown(path)
 
@@ -62,7 +66,7 @@ def _begins_as_model(path: Path) -> bool:
 
 
 def _unknown(path: Path) -> DataError:
-    from ..poses.input import needs_poses, require_input  # here: see ``_is_dataset``
+    from ..poses.input import needs_poses, require_input  # here: see ``kind_of``
 
     meta = path / META
     if meta.is_file() and is_sog_meta(meta):  # whose pictures are no photographs
@@ -74,11 +78,3 @@ def _unknown(path: Path) -> DataError:
         remedy = "dogsplat poses makes a data set of it; dogsplat train does that by itself"
         return DataError(path, "has no cameras yet", remedy)
     return DataError(path, "not something dogsplat knows", ACCEPTED)
-
-
-def _is_dataset(folder: Path) -> bool:
-    from ..datasets.colmap import find_model  # here: data sets need the extra "train", models and runs do not
-    from ..datasets.numbered_models import numbered_models
-    from ..datasets.transforms import find_transforms
-
-    return bool(find_model(folder) or find_transforms(folder) or numbered_models(folder))  # of these the reader tells

@@ -28,7 +28,7 @@ def describe_model(path: Path) -> list[str]:
     model = read_model(path)
     splats = model.splats
     size = size_of(path)
-    n, m = splats.n_splats, splats.n_dog
+    n = splats.n_splats
     lines = [
         f"{path}: model",
         line("format", format_of(path).name),
@@ -47,17 +47,16 @@ def describe_model(path: Path) -> list[str]:
         lines += [line(f"position {axis}", _range(splats.means[:, i])) for i, axis in enumerate("xyz")]
         lines += [line("scale", _range(splats.scales)), line("opacity", _range(splats.opacities))]
         lines.append(line("colour", _range(0.5 + C0 * splats.sh_coeffs[:, 0].astype(np.float64))))
-    if m:
-        lines += [
-            line("DoG opacity", _range(splats.dog_opacities)),
-            line("DoG scale", _range(splats.dog_scales)),
-        ]
-    lines += [line("slopes", _range(splats.color_slopes))] if splats.n_slopes else []
-    lines += [line("curvatures", _range(splats.brightness_curvatures))] if splats.n_curvatures else []
-    lines += [line("cut normals", _range(np.linalg.norm(splats.cut_normals, axis=1)))] if splats.n_cuts else []
-    lengths = np.linalg.norm(splats.second_cut_normals, axis=1)
-    lines += [line("second normals", _range(lengths))] if len(lengths) else []
-    lines += [line("shifts", _range(splats.view_shifts))] if splats.n_shifts else []
+    of_some = {
+        "DoG opacity": splats.dog_opacities,
+        "DoG scale": splats.dog_scales,
+        "slopes": splats.color_slopes,
+        "curvatures": splats.brightness_curvatures,
+        "cut normals": np.linalg.norm(splats.cut_normals, axis=1),
+        "second normals": np.linalg.norm(splats.second_cut_normals, axis=1),
+        "shifts": splats.view_shifts,
+    }
+    lines += [line(name, _range(values)) for name, values in of_some.items() if len(values)]
     return lines + problem_lines(model_problems(splats, drawn_as(model.drawing).white))
 
 

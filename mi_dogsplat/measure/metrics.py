@@ -154,9 +154,7 @@ def _displayed(
     """Both images checked, float64 and clamped to 0..1."""
     a, b = np.asarray(image), np.asarray(truth)
     if a.shape != b.shape or a.ndim != 3 or a.shape[2] != 3 or a.size == 0:
-        raise ValueError(
-            f"{name} is {list(a.shape)}, its truth {list(b.shape)}; both need the same [H, W, 3]"
-        )
+        raise ValueError(f"{name} is {list(a.shape)}, its truth {list(b.shape)}; both need the same [H, W, 3]")
     for what, values in ((name, a), (f"the truth of {name}", b)):
         broken = ~np.isfinite(values)
         if broken.any():

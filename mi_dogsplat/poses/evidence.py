@@ -52,9 +52,7 @@ def gather(pycolmap: Any, database: Path) -> Evidence:
     with opened(pycolmap, database) as content:
         images = {image.image_id: image for image in content.read_all_images()}
         cameras = {camera.camera_id: camera for camera in content.read_all_cameras()}
-        best, features = dict.fromkeys(images, 0), []
-        for image in images:
-            features.append(content.num_keypoints_for_image(image))
+        features, best = [content.num_keypoints_for_image(image) for image in images], dict.fromkeys(images, 0)
         numbers, geometries = content.read_two_view_geometries()
         pairs = [pycolmap.pair_id_to_image_pair(number) for number in numbers]
         for ids, geometry in zip(pairs, geometries, strict=True):

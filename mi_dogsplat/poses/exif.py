@@ -54,9 +54,7 @@ def tags_of(exif: Callable[[], Image.Exif]) -> dict[int, Any]:
         return {}
 
 
-def exif_of_upright(
-    tags: dict[int, Any], size: tuple[int, int], xmp: Any, held: Image.Transpose | None
-) -> Exif:
+def exif_of_upright(tags: dict[int, Any], size: tuple[int, int], xmp: Any, held: Image.Transpose | None) -> Exif:
     """Of an image whose pixels need no turn.
 
     Args:

@@ -35,7 +35,7 @@ def needs_poses(path: str | Path) -> bool:
     path = Path(path)
     if not path.is_dir():
         return is_video(path)
-    if _has_cameras(path):
+    if has_cameras(path):
         return False
     return _is_result(path) or bool(_files(path, PHOTOGRAPHS))  # of a result ``require_input`` tells
 
@@ -140,7 +140,7 @@ def require_input(path: Path) -> None:
                 problem = "is a capture of a scene that was stopped, whose cameras are written at its end"
                 raise DataError(path, problem, "let it end: the same dogsplat capture command continues")
             refuse_run(path)
-        if not _has_cameras(path) and (inner := _data_sets_in(path)):
+        if not has_cameras(path) and (inner := _data_sets_in(path)):
             problem = "has no cameras itself, and all of its images lie in folders that have some"
             raise DataError(path, problem, f"give {'one of these, such as ' * (len(inner) > 1)}{inner[0]}")
         return
@@ -149,7 +149,7 @@ def require_input(path: Path) -> None:
         raise DataError(path, f"is {one}", f"give a folder of images, or a video ({', '.join(VIDEOS[:5])})")
 
 
-def _has_cameras(folder: Path) -> bool:
+def has_cameras(folder: Path) -> bool:
     """Whether a reader of data sets would find some, or name the model that has them."""
     return bool(find_model(folder) or find_transforms(folder) or numbered_models(folder))
 
@@ -159,7 +159,7 @@ def _data_sets_in(top: Path) -> list[Path]:
     inner = set()
     for folder in {file.parent for file in _files(top, PHOTOGRAPHS)}:
         below = [folder, *folder.parents][: len(folder.relative_to(top).parts)]
-        if not (found := next(filter(_has_cameras, below), None)):
+        if not (found := next(filter(has_cameras, below), None)):
             return []
         inner.add(found)
     return sorted(inner)
@@ -181,7 +181,7 @@ def _files(top: Path, suffixes: tuple[str, ...], without: Collection[Path] = ())
 def _is_result(folder: Path) -> bool:
     """Whether a folder is a run, or what a search for poses or a capture has left that was stopped."""
     files = os.listdir(folder)
-    stopped = (SETTINGS in files and not find_model(folder)) or (CAPTURE in files and not _has_cameras(folder))
+    stopped = (SETTINGS in files and not find_model(folder)) or (CAPTURE in files and not has_cameras(folder))
     return are_of_run(files) or stopped
 
 

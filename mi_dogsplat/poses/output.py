@@ -53,9 +53,7 @@ def _n_bytes(model: Any) -> int:
     return VIEW_BYTES * model.num_images() + FEATURE_BYTES * features + of_points
 
 
-def undistort(
-    pycolmap: Any, distorted: Path, out: Path, progress: Callable[[int, int], None]
-) -> Any:
+def undistort(pycolmap: Any, distorted: Path, out: Path, progress: Callable[[int, int], None]) -> Any:
     """Write the images of the COLMAP folder ``distorted`` as those of a pinhole, and its masks; the model of these.
 
     Images are resampled as by the readers of our data sets (``lens.py``). Raises ``DataError``.

@@ -148,18 +148,7 @@ def find_poses(
     if config.linear and is_video(source):
         refuse("linear", f"is for photographs, and {source} is a video", "leave it out")
     pycolmap = pycolmap_module(config.gpu)
-    masks = mask_folder(source, config.masks)
-    photographs = {} if is_video(source) else find_photographs(source, out, masks, config.linear)
-    light = next((path for path in photographs.values() if is_exr(path)), None)
-    if light and config.panoramas:
-        raise DataError(light, "is OpenEXR, of which no panoramas are cut", "export the panoramas as JPEG or PNG")
-    linear = config.linear or light is not None
-    if photographs:
-        lens = lens_of_photographs((p for p in photographs.values() if not is_light(p)), config.lens)
-    else:
-        lens = lens_of({source: says_panorama(source)}, config.lens)
-    config = dataclasses.replace(config, lens=lens, linear=linear)
-    search = Search(source, photographs, masks, out, config)
+    search = _search_for(source, out, config)
     begin(out / SETTINGS, search.settings(), "search for poses", search.free())
     with locked(out, "another process is looking for poses in it"):
         remove_parts(out)
@@ -172,6 +161,22 @@ def find_poses(
             if config.undistort:
                 _undistort(pycolmap, search, stages)
         return Summary.read(out)
+
+
+def _search_for(source: Path, out: Path, config: PosesConfig) -> Search:
+    """What is looked for, with the lens, and whether the light is kept, that the images ask for. Raises ``DataError``
+    for images that do not go with the settings."""
+    masks = mask_folder(source, config.masks)
+    photographs = {} if is_video(source) else find_photographs(source, out, masks, config.linear)
+    light = next((path for path in photographs.values() if is_exr(path)), None)
+    if light and config.panoramas:
+        raise DataError(light, "is OpenEXR, of which no panoramas are cut", "export the panoramas as JPEG or PNG")
+    if photographs:
+        lens = lens_of_photographs((p for p in photographs.values() if not is_light(p)), config.lens)
+    else:
+        lens = lens_of({source: says_panorama(source)}, config.lens)
+    config = dataclasses.replace(config, lens=lens, linear=config.linear or light is not None)
+    return Search(source, photographs, masks, out, config)
 
 
 def is_done(out: Path) -> bool:

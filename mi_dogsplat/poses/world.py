@@ -29,9 +29,7 @@ class Placed:
     up_from: str
 
 
-def place(
-    pycolmap: Any, model: Any, scale: tuple[str, str, str] | None, downs: Mapping[str, np.ndarray]
-) -> Placed:
+def place(pycolmap: Any, model: Any, scale: tuple[str, str, str] | None, downs: Mapping[str, np.ndarray]) -> Placed:
     """Move, turn and scale a model of pycolmap's in place.
 
     Args:

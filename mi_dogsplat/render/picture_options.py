@@ -34,9 +34,7 @@ class PictureOptions:
     """
 
     downscale: Annotated[int | None, Setting(f"{SHRINK} (default: 1)", least=1)] = None
-    background: Annotated[
-        str | None, Setting(f"{BEHIND_PICTURES} (default: auto)", choices=BACKGROUNDS)
-    ] = None
+    background: Annotated[str | None, Setting(f"{BEHIND_PICTURES} (default: auto)", choices=BACKGROUNDS)] = None
     antialiased: Annotated[bool | None, Setting(f"{MIP} {FILE}")] = None
     near_clip: Annotated[float | None, Setting(f"{NEAR} {FILE}", least=0, most=1e30)] = None
     linear: Annotated[bool | None, Setting(f"the colours of the model are linear radiance, not sRGB {FILE}")] = None

@@ -16,9 +16,7 @@ from .picture_memory import require_memory
 from .scene_to_draw import SceneOptions, channel_names, pixels_of, scene_to_draw
 
 
-def picture_of_scene(
-    path: Path, options: SceneOptions, on_pass: Callable[[int, int], None] | None, suffix: str
-) -> Any:
+def picture_of_scene(path: Path, options: SceneOptions, on_pass: Callable[[int, int], None] | None, suffix: str) -> Any:
     """The ``mi.Bitmap`` of a scene, with all channels of its film; type stubs lack what is used of it.
 
     Args:

@@ -9,46 +9,29 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ..support.wording import time_unit
-from ..training.events import (
-    CurvaturesActivated,
-    CurvaturesLeftOut,
-    CutsActivated,
-    CutsLeftOut,
-    Densified,
-    DogActivated,
-    OpacityReset,
-    Pruned,
-    Refined,
-    SecondCutsActivated,
-    SecondCutsLeftOut,
-    ShDegree,
-    ShiftsActivated,
-    ShiftsLeftOut,
-    SlopesActivated,
-    SlopesLeftOut,
-)
+from ..training import events
 from .plot import Lane, Series, line_plot
 from .prunes import marks, with_drops
 from .run_folder import Run
 from .smoothing import running_mean
 
 EVENT_LANES = {  # the lane of an event by its kind
-    Densified.kind: "densify",
-    Pruned.kind: "prune",
-    Refined.kind: "refine",
-    OpacityReset.kind: "reset",
-    ShDegree.kind: "SH up",
-    DogActivated.kind: "DoG",
-    SlopesActivated.kind: "slopes",
-    SlopesLeftOut.kind: "slopes",
-    CurvaturesActivated.kind: "slopes",
-    CurvaturesLeftOut.kind: "slopes",
-    CutsActivated.kind: "cuts",
-    CutsLeftOut.kind: "cuts",
-    SecondCutsActivated.kind: "cuts",
-    SecondCutsLeftOut.kind: "cuts",
-    ShiftsActivated.kind: "shifts",
-    ShiftsLeftOut.kind: "shifts",
+    events.Densified.kind: "densify",
+    events.Pruned.kind: "prune",
+    events.Refined.kind: "refine",
+    events.OpacityReset.kind: "reset",
+    events.ShDegree.kind: "SH up",
+    events.DogActivated.kind: "DoG",
+    events.SlopesActivated.kind: "slopes",
+    events.SlopesLeftOut.kind: "slopes",
+    events.CurvaturesActivated.kind: "slopes",
+    events.CurvaturesLeftOut.kind: "slopes",
+    events.CutsActivated.kind: "cuts",
+    events.CutsLeftOut.kind: "cuts",
+    events.SecondCutsActivated.kind: "cuts",
+    events.SecondCutsLeftOut.kind: "cuts",
+    events.ShiftsActivated.kind: "shifts",
+    events.ShiftsLeftOut.kind: "shifts",
 }
 
 

@@ -28,9 +28,7 @@ class Mean(NamedTuple):
     for_denoiser: np.ndarray | None  # [H, W, 9], where the request asks for a denoiser
 
 
-def means(
-    scene: mi.Scene, sensor: mi.Sensor, request: Request, steps: Sequence[int], part: int = 0
-) -> Iterator[Mean]:
+def means(scene: mi.Scene, sensor: mi.Sensor, request: Request, steps: Sequence[int], part: int = 0) -> Iterator[Mean]:
     """The mean after each step.
 
     steps: samples for each pixel between two means. part: of the picture, where the sensor sees no more of it. Random

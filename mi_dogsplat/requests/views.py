@@ -12,12 +12,12 @@ import numpy as np
 
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
-from ..engine.rasterize import rasterize
+from ..engine.rasterize import Frame, rasterize
 from ..plugin.denoising import CHANNELS
 from ..plugin.transfer import linear_to_srgb, srgb_to_linear
 from ..render.denoise import correction
 from ..scene.cameras import Camera
-from ..scene.drawing import drawn_as
+from ..scene.drawing import DrawnAs, drawn_as
 from ..support.errors import DataError, interruptible
 from ..support.scene_errors import scene_error
 from .gradual import Mean, finished, in_steps, means
@@ -76,22 +76,7 @@ class Views:
         if masks := splat_masks(request, model.splats.n_splats, model.chosen(request.share)):
             params = masks.shown(params, drawn.linear)
             hole = masks.hole(params, seen, options, None)
-        frame = rasterize(params, seen, options)
-        white = dr.opaque(mi.Float, drawn.white)
-        colors, alpha = [dr.maximum(c, 0) if drawn.linear else dr.clip(c, 0, 1) for c in frame.colors], 1 - frame.T
-        if request.background is not None:
-            behind = [dr.opaque(mi.Float, value) for value in request.background]
-            colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
-            alpha = dr.full(mi.Float, 1, dr.width(frame.T))
-        alpha = alpha if hole is None else alpha - hole
-        if request.linear and not drawn.linear:
-            share = dr.maximum(alpha, 1e-6)  # of the pixel, of which colours are the mean
-            if request.background is None:  # negative lobes may take more alpha than colour: then white, as in a file
-                colors = [dr.minimum(c, share) for c in colors]
-            colors = [share * c for c in srgb_to_linear([c / share for c in colors])]
-        elif drawn.linear and not request.linear:
-            colors = [dr.clip(c, 0, 1) for c in linear_to_srgb([c / white for c in colors])]
-        pixels: Any = dr.ravel(mi.Vector4f(*colors, alpha))
+        pixels: Any = dr.ravel(mi.Vector4f(*_colors_and_alpha(request, rasterize(params, seen, options), drawn, hole)))
         yield 1.0, pixels.numpy().reshape(camera.height, camera.width, 4)
 
     def _scene(self, request: ViewRequest, interrupted: Callable[[], bool]) -> Steps:
@@ -148,6 +133,26 @@ class Views:
         if path is None:
             return no_splats()
         return self._keep("shape", [path], (), lambda: mi.load_dict({"type": "dog", "filename": str(path)}))
+
+
+def _colors_and_alpha(request: ViewRequest, frame: Frame, drawn: DrawnAs, hole: Any) -> list:
+    """Four columns of the pixels: colours as the request asks for them, linear or not, over its background if it has
+    one, and alpha without the ``hole``, which is None where no object cuts one."""
+    colors, alpha = [dr.maximum(c, 0) if drawn.linear else dr.clip(c, 0, 1) for c in frame.colors], 1 - frame.T
+    if request.background is not None:
+        behind = [dr.opaque(mi.Float, value) for value in request.background]
+        colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
+        alpha = dr.full(mi.Float, 1, dr.width(frame.T))
+    alpha = alpha if hole is None else alpha - hole
+    if request.linear and not drawn.linear:
+        share = dr.maximum(alpha, 1e-6)  # of the pixel, of which colours are the mean
+        if request.background is None:  # negative lobes may take more alpha than colour: then white, as in a file
+            colors = [dr.minimum(c, share) for c in colors]
+        colors = [share * c for c in srgb_to_linear([c / share for c in colors])]
+    elif drawn.linear and not request.linear:
+        white = dr.opaque(mi.Float, drawn.white)
+        colors = [dr.clip(c, 0, 1) for c in linear_to_srgb([c / white for c in colors])]
+    return [*colors, alpha]
 
 
 def _bands(camera: Camera) -> list[slice]:

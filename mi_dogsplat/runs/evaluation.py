@@ -59,12 +59,11 @@ def evaluate_model(
     drawn = drawn.beside(dataset.white)
     background = background_color(options.background, dataset.has_alpha)
     folder = Path(out) if out else None
-    if folder:
-        if (folder / CONFIG).exists():
-            raise DataError(folder, "is a training run with metrics of its own", "name another folder")
+    if folder and (folder / CONFIG).exists():
+        raise DataError(folder, "is a training run with metrics of its own", "name another folder")
     picture = picture_of(splats, background, drawn, ("depth",) if folder else ())
     split, some = ("test", dataset.test) if dataset.test else ("train", dataset.train)
-    mask_folder = Masks(masks, [*dataset.train, *dataset.test]) if masks else None
+    mask_folder = Masks(masks, dataset.views) if masks else None
     extent = camera_extent(dataset.train) if align_poses else None
     measure = Measure(mask_folder, color_correct, extent, Lpips.installed(view.camera for view in some))
     with _whole_or_not_at_all(folder, some) if folder else nullcontext():

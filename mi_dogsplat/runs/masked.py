@@ -22,15 +22,11 @@ def write_masked(out: Path, views: Sequence[View], masks: Masks, background: flo
     Returns ``masked`` of ``metrics.json``: the share of the pixels of each training view that is masked, by its name.
     Raises ``DataError``.
     """
-    shares = {view.name: _share(masks, view) for view in views}
+    shares = {view.name: float(_hidden(masks, view).mean()) for view in views}
     most = sorted((view for view in views if shares[view.name]), key=lambda view: -shares[view.name])
     shown = ((photograph(view, background), _hidden(masks, view), view.name) for view in most or views)
     write_png(out / MASKED, mask_sheet(shown))
     return shares
-
-
-def _share(masks: Masks, view: View) -> float:
-    return float(_hidden(masks, view).mean())
 
 
 def _hidden(masks: Masks, view: View) -> NDArray[np.bool_]:

@@ -103,17 +103,13 @@ class Camera:
         return np.concatenate([xy, z], axis=-1) @ self.c2w[:3, :3].T + self.position
 
     def downscaled(self, k: int) -> Camera:
-        """The camera of the image averaged over k x k blocks; the remainder at the right and bottom is cut
-        off."""
+        """The camera of the image averaged over k x k blocks; the remainder at the right and bottom is cut off."""
         if k < 1 or min(self.width, self.height) < k:
             raise ValueError(f"Camera: a {self.width}x{self.height} image cannot be downscaled by {k}")
-        return Camera(
-            self.w2c, self.fx / k, self.fy / k, self.cx / k, self.cy / k, self.width // k, self.height // k
-        )
+        return Camera(self.w2c, self.fx / k, self.fy / k, self.cx / k, self.cy / k, self.width // k, self.height // k)
 
     def resized(self, width: int, height: int) -> Camera:
-        """The camera of the same picture resampled to width x height; each axis is scaled by its exact
-        ratio."""
+        """The camera of the same picture resampled to width x height; each axis is scaled by its exact ratio."""
         x, y = width / self.width, height / self.height
         return Camera(self.w2c, self.fx * x, self.fy * y, self.cx * x, self.cy * y, width, height)
 
@@ -163,6 +159,5 @@ def inverse_rigid(rigid: np.ndarray) -> np.ndarray:
 
 
 def opengl_c2w_to_opencv_w2c(c2w: ArrayLike) -> np.ndarray:
-    """Camera-to-world with x right, y up, z backward -> OpenCV world-to-camera, [4, 4]. Raises
-    ``ValueError``."""
+    """Camera-to-world with x right, y up, z backward -> OpenCV world-to-camera, [4, 4]. Raises ``ValueError``."""
     return OPENCV_FROM_OPENGL @ inverse_rigid(nearest_rigid(c2w))

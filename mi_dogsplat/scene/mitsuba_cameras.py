@@ -28,8 +28,7 @@ def mitsuba_c2w_to_opencv_w2c(c2w: ArrayLike) -> np.ndarray:
 
 
 def opencv_w2c_to_mitsuba_c2w(w2c: ArrayLike) -> np.ndarray:
-    """OpenCV world-to-camera -> Mitsuba ``to_world`` (x left, y up, z forward), [4, 4]. Raises
-    ``ValueError``."""
+    """OpenCV world-to-camera -> Mitsuba ``to_world`` (x left, y up, z forward), [4, 4]. Raises ``ValueError``."""
     return inverse_rigid(nearest_rigid(w2c, mirror=True)) @ OPENCV_FROM_MITSUBA
 
 

@@ -14,8 +14,9 @@ import pytest
 from hdr_data import write_hdr_data
 from mi_dogsplat.compare import tasks as of_tasks
 from mi_dogsplat.compare.cluster import local_options
-from mi_dogsplat.compare.compare import claim, compare
+from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import Means, in_a_process
+from mi_dogsplat.compare.folders import claim
 from mi_dogsplat.compare.method_runs import recipe_of
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.names import method_of

@@ -7,9 +7,10 @@ from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
-from mi_dogsplat.compare.compare import claim, compare
+from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.crops import crops
 from mi_dogsplat.compare.execute import Outcome
+from mi_dogsplat.compare.folders import claim
 from mi_dogsplat.compare.method_runs import is_complete, recipe_of
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.table import cells, collect_all, columns

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from mi_dogsplat.compare.compare import claim
+from mi_dogsplat.compare.folders import claim
 from mi_dogsplat.compare.method_runs import recipe_of
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.names import ABLATION, chosen

@@ -3,8 +3,8 @@
 import json
 
 import pytest
-from mi_dogsplat.compare.compare import claim
 from mi_dogsplat.compare.crops import crops
+from mi_dogsplat.compare.folders import claim
 from mi_dogsplat.compare.method_runs import recipe_of
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.names import seed_order

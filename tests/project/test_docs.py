@@ -167,7 +167,7 @@ def folder(tmp_path, monkeypatch, trained, alpha_data) -> Path:
         (tmp_path / "masks").mkdir(exist_ok=True)
         Image.new("L", (tiny_data.WIDTH, tiny_data.HEIGHT), 255).save(tmp_path / "masks" / f"{i:04d}.png")
         (tmp_path / "depth").mkdir(exist_ok=True)
-        Image.fromarray(np.full((6, 8), 3000, np.uint16)).save(tmp_path / "depth" / f"{i:04d}.png")
+        Image.new("I;16", (8, 6), 3000).save(tmp_path / "depth" / f"{i:04d}.png")
     for name in ("run", "run_a", "run_b"):
         shutil.copytree(trained, tmp_path / name)
     write_ply(tmp_path / "model.ply", tiny_data.truth())

@@ -9,7 +9,8 @@ import pytest
 from command_line import assert_one_line
 from command_line import run as dogsplat
 from html_pages import parsed, words
-from mi_dogsplat.compare.compare import claim, compare
+from mi_dogsplat.compare.compare import compare
+from mi_dogsplat.compare.folders import claim
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig

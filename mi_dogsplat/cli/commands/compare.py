@@ -56,9 +56,7 @@ TRAINING_FLAGS = [
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     add_data(parser, nargs="+")
-    parser.add_argument(
-        "-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to continue"
-    )
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to continue")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0], metavar="N", help="random seeds (default: 0)")
     methods = f"methods ({' '.join(ALL)}), or sets of them ({' '.join(SETS)}) (default: published)"
     parser.add_argument("--only", nargs="+", default=list(PUBLISHED), metavar="NAME", help=methods)

@@ -39,9 +39,7 @@ images or a video. Needs the extra mi_dogsplat[poses].
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("source", type=Path, metavar="INPUT", help="a folder of images, or a video")
-    parser.add_argument(
-        "-o", "--out", type=Path, required=True, metavar="DATA", help="folder to write, or to continue"
-    )
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="DATA", help="folder to write, or to continue")
     add_settings(parser, PosesConfig)
 
 

@@ -69,9 +69,7 @@ def run(args: argparse.Namespace) -> None:
         drawing = signals_to(signal.SIG_DFL, *stop_signals())
         with _bar() as bar:
             on_pass = bar.show if bar else None
-            render_scene(
-                args.model, args.out, drawn.spp, on_pass, drawing, drawn.denoise, drawn.sensor, drawn.defined
-            )
+            render_scene(args.model, args.out, drawn.spp, on_pass, drawing, drawn.denoise, drawn.sensor, drawn.defined)
     else:
         require_no_scene_flags(args)
         render_model(args.model, args.out, args.data, args.camera, args.aovs, options, args.appearance)

@@ -135,6 +135,4 @@ def displacement(params: dict[str, Any], normal: Any, amount: float) -> Any:
     return dr.detach(result)
 
 
-RECIPE = Recipe(
-    densification=Densification(start=0, stop=0), also=(Mcmc(), OPACITY_OF_2023), start_share=1.0
-)
+RECIPE = Recipe(densification=Densification(start=0, stop=0), also=(Mcmc(), OPACITY_OF_2023), start_share=1.0)
