@@ -106,10 +106,10 @@ def test_a_primitive_whose_values_are_not_finite_is_not_visible(kind: Kind, plac
             dog_share=[0, 0.5], antialiased=[False, True], negative_transmittance=[True, False])  # fmt: skip
 def test_gradients_of_every_parameter_equal_differences(shares, dog_share, antialiased, negative_transmittance):
     choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
-    splats = random_splats(6, seed=5, degree=1, dog_share=dog_share, **shares)
+    splats = random_splats(4, seed=9, degree=1, dog_share=dog_share, **shares)
     kinds = [kind for kind in KINDS if kind.share in shares]
     for n, share in [(len(kind.index(splats)), shares[kind.share]) for kind in kinds]:
-        assert (n == 6) == (share == 1) and n > 1
+        assert (n == 4) == (share == 1) and n > 1
     expected = reference.loss_gradients(splats, SMALL, ADJOINT, background=BACKGROUND, **choices)
     got = gradients_tiled(splats, SMALL, ADJOINT, BACKGROUND, **choices, **SMOOTH)
     assert tuple(got) == (*RAW_PARAMETERS, *(kind.name for kind in kinds))
