@@ -66,7 +66,7 @@ def test_each_pixel_blends_what_is_nearer_than_its_surface(dog_share, negative_t
 
 @pytest.fixture(scope="module")
 def small() -> tuple[Splats, np.ndarray, dict[str, np.ndarray]]:
-    splats = rounded(random_splats(10, seed=4, degree=0))
+    splats = rounded(random_splats(6, seed=4, degree=0))
     adjoint = np.random.default_rng(0).normal(size=(16, 20, 4))
 
     def loss(s: Splats) -> float:
