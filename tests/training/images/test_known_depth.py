@@ -50,7 +50,8 @@ def test_the_gradient_is_that_of_the_formula():
             moved = [np.array([depth, T]) for _ in range(2)]
             for sign, values in zip((1, -1), moved, strict=True):
                 values[k, pixel] += sign * h
-            expected[pixel] = (loss(*moved[0], known) - loss(*moved[1], known)) / (2 * h)
+            over, under = (loss(values[0], values[1], known) for values in moved)
+            expected[pixel] = (over - under) / (2 * h)
         assert np.count_nonzero(expected) == np.count_nonzero(known) - 1
         np.testing.assert_allclose(gradient.numpy(), expected, rtol=1e-4, atol=1e-9)
 
@@ -66,6 +67,7 @@ def depths(data, tmp_path) -> str:
     dataset = load_dataset(data)
     for view in dataset.views:
         depth = tiny_data.picture(tiny_data.truth(), view.camera).depth
+        assert depth is not None
         np.save(tmp_path / f"{view.name}.npy", depth)
     return str(tmp_path)
 
@@ -92,6 +94,7 @@ def test_a_step_adds_the_gradient_of_the_loss_by_the_parameters(data, depths, mo
     params = trainer.optimizer.params
     frame = rasterize(params, trainer.photographs.cameras[0], replace(trainer.options, depth=True))
     known = np.load(f"{depths}/{view.name}.npy").ravel()
+    assert frame.depth is not None
     drawn = 1 - frame.T
     counts = mi.Float((known > 0).astype(np.float32)) * dr.select(drawn > LEAST_DRAWN, 1.0, 0.0)
     off = dr.abs(frame.depth / dr.maximum(drawn, LEAST_DRAWN) / mi.Float(np.where(known > 0, known, 1)) - 1)
