@@ -2,7 +2,8 @@
 
 Where the data say which sparse points a view sees (COLMAP), the unit of the world is anything, and networks do not know
 the size of what they see. Then the map of each view is scaled, so that the median of its points agrees with it, as in
-Kerbl et al.'s training with depths. Other data have poses in the unit of their maps.
+Kerbl et al.'s training with depths. Other data have poses in the unit of their maps: whether that can be is asked of
+points, of which nobody knows which views see them.
 """
 
 from __future__ import annotations
@@ -19,12 +20,15 @@ from .depth_files import SUFFIXES, read_depth
 from .named_like_images import composed, files_like_images, views_without
 
 LEAST_POINTS = 20  # of a view, by which its map can be scaled
+ASKED = 8  # views whose points are asked for the unit
+ANOTHER_UNIT = 3.0  # times as far as a map says, or as near, half of the points are not: some are hidden in the view
 
 
 class Depths:
     """A folder with a depth map per image, of any size, named as the image (``named_like_images.py``).
 
-    Raises ``DataError`` if there is no such folder, or none for any training view, or two for one.
+    Raises ``DataError`` if there is no such folder, or none for any training view, or two for one; and for maps in
+    another unit than the poses, where they are not scaled.
     """
 
     def __init__(self, folder: str | Path, dataset: Dataset):
@@ -32,10 +36,13 @@ class Depths:
         if not folder.is_dir():
             raise DataError(folder, "no such folder", "give a folder with a depth map per image")
         self.folder, self.paths = folder, depth_files(folder)
-        self._dataset, self._scales = dataset, {}
+        self._dataset = dataset
+        self._scales: dict[str, float | None] = {}
         if not any(composed(view.name) in self.paths for view in dataset.train):
             remedy = f"name them like the images, as {dataset.train[0].name}.png"
             raise DataError(folder, "has no depth map for any of the images", remedy)
+        if not dataset.observations:
+            self._require_unit()
 
     def of(self, view: View) -> np.ndarray | None:
         """The depths of a view of the data, or of a smaller copy of it: float32 [H, W] along the view axis, world
@@ -53,18 +60,31 @@ class Depths:
         scale = self._scale(view.name, depth)
         return None if scale is None else depth[_nearest(depth, view)] * np.float32(scale)
 
+    def _require_unit(self) -> None:
+        """Raise ``DataError`` if the maps of some views say that the points in them are somewhere else altogether."""
+        mapped = [view for view in self._dataset.train if composed(view.name) in self.paths]
+        found = []
+        for view in mapped[:: max(1, len(mapped) // ASKED)]:
+            pixels, z = view.camera.project(self._dataset.points)
+            inside = (z > 0) & ((pixels >= 0) & (pixels < (view.camera.width, view.camera.height))).all(axis=1)
+            depth = self.of(view)
+            if depth is not None and (factor := _fitted(depth, pixels[inside], z[inside])) is not None:
+                found.append(factor)
+        if found and not 1 / ANOTHER_UNIT < (factor := float(np.median(found))) < ANOTHER_UNIT:
+            problem = f"holds depths in another unit than the poses: points are about {factor:.3g} times as far away"
+            raise DataError(self.folder, problem, "multiply the depths, or divide the poses and points, by that")
+
     def _scale(self, name: str, depth: np.ndarray) -> float | None:
         """Of a map to world units; None where too few points tell."""
-        seen = self._dataset.observations.get(name)
         if not self._dataset.observations:
             return 1.0
+        if (seen := self._dataset.observations.get(name)) is None:
+            return None
         if name not in self._scales:
             view = next(view for view in self._dataset.views if view.name == name)
-            self._scales[name] = None if seen is None else _fitted(view, depth, seen.pixels, self._points(seen.points))
+            _, z = view.camera.project(self._dataset.points[seen.points])
+            self._scales[name] = _fitted(depth[_nearest(depth, view)], seen.pixels, z)
         return self._scales[name]
-
-    def _points(self, rows: np.ndarray) -> np.ndarray:
-        return self._dataset.points[rows].astype(np.float64)
 
 
 def depth_files(folder: Path) -> dict[str, Path]:
@@ -100,12 +120,11 @@ def _nearest(depth: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray]:
     return np.clip(y.astype(np.intp), 0, height - 1), np.clip(x.astype(np.intp), 0, width - 1)
 
 
-def _fitted(view: View, depth: np.ndarray, pixels: np.ndarray, points: np.ndarray) -> float | None:
-    """What the depths are to be multiplied by: the median over points [M, 3] that are seen at ``pixels`` [M, 2]."""
-    camera = view.camera
-    z = points @ camera.w2c[2, :3] + camera.w2c[2, 3]
-    at = np.clip(np.floor(pixels).astype(np.intp), 0, (camera.width - 1, camera.height - 1))
-    rows, columns = _nearest(depth, view)
-    there = depth[rows, columns][at[:, 1], at[:, 0]]
+def _fitted(depth: np.ndarray, pixels: np.ndarray, z: np.ndarray) -> float | None:
+    """What the depths [H, W] of a view are to be multiplied by: the median over points at ``pixels`` [M, 2] with depths
+    ``z`` [M]; None for too few of them."""
+    height, width = depth.shape
+    x, y = np.clip(np.floor(pixels).astype(np.intp), 0, (width - 1, height - 1)).T
+    there = depth[y, x]
     known = (there > 0) & (z > 0)
     return float(np.median(z[known] / there[known])) if np.count_nonzero(known) >= LEAST_POINTS else None

@@ -1,5 +1,6 @@
 """Depth maps: their files, whose they are, and their units."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -148,6 +149,22 @@ def test_maps_are_scaled_to_the_sparse_points_that_the_views_see(tmp_path):
     assert depths.of(data.train[2]) is None  # no map
     half = replace(view, camera=view.camera.downscaled(2))
     np.testing.assert_allclose(np.asarray(depths.of(half)), 3.7 * depth[1::2, 1::2], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(1, False), (1000, True), (0.1, True)])
+def test_maps_in_another_unit_than_the_poses_are_refused_where_nothing_scales_them(tmp_path, factor, refused):
+    view = view_of(40, 30)
+    depth = np.random.default_rng(0).uniform(1, 2, (30, 40))
+    rows, columns = np.divmod(np.arange(0, 1200, 7), 40)
+    places = view.camera.unproject(np.column_stack([columns, rows]) + 0.5, depth[rows, columns])
+    behind = [[0, 0, -1], [0, 0, 0]]  # and points that the view does not see
+    np.save(tmp_path / "a.npy", depth / factor)
+    data = data_of(view, points=[*places, *behind])
+    if not refused:
+        assert Depths(tmp_path, data).of(view) is not None
+        return
+    with pytest.raises(DataError, match=re.escape(f"in another unit than the poses: points are about {factor:.3g} times")):
+        Depths(tmp_path, data)
 
 
 def test_folders_without_maps_and_maps_that_know_nothing_are_refused(tmp_path):
