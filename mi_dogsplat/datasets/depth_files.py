@@ -8,10 +8,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from ..support.arrays import array_of
 from ..support.errors import DataError
 from .exr import is_exr, read_exr_planes
 from .images import UNREADABLE, open_image, stored
@@ -43,15 +43,16 @@ def _of_exr(path: Path) -> np.ndarray:
     return planes[found]
 
 
-def _loaded(path: Path) -> Any:
+def _loaded(path: Path) -> np.ndarray:
     try:
-        return np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise DataError(path, f"cannot be read as a NumPy array ({error})", "write it by numpy.save") from None
+        return array_of(path.read_bytes())
+    except (OSError, ValueError) as error:
+        remedy = "write an array of numbers, row by row, by numpy.save"
+        raise DataError(path, f"cannot be read as a NumPy array ({error})", remedy) from None
 
 
-def _of_array(path: Path, array: Any) -> np.ndarray:
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fui":
+def _of_array(path: Path, array: np.ndarray) -> np.ndarray:
+    if array.dtype.kind not in "fui":
         raise DataError(path, "holds no array of real numbers", REMEDY)
     plane = array[..., 0] if array.ndim == 3 and array.shape[2] == 1 else array
     if plane.ndim != 2 or not plane.size:

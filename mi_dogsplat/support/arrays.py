@@ -1,4 +1,4 @@
-"""Files of named arrays, in NumPy's format .npz, of which only what is plain data is read: no pickle, no surprises."""
+"""Files of arrays, NumPy's .npy and, by names, .npz, of which only plain data are read: no pickle, no surprises."""
 
 from __future__ import annotations
 
@@ -53,13 +53,17 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
 
 
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
-    """A member of the file. Raises ``ValueError`` for what ``write_arrays`` does not write.
+    """A member of the file. Raises ``ValueError`` for what ``write_arrays`` does not write."""
+    if info.compress_type != zipfile.ZIP_STORED:
+        raise ValueError("compressed")
+    return array_of(archive.read(info))  # which checks the sum
+
+
+def array_of(data: bytes) -> np.ndarray:
+    """The array in the bytes of a file .npy, row by row. Raises ``ValueError`` for what is no plain data.
 
     ``np.load`` would allocate whatever size the header of an array names, unpack what is compressed, and evaluate text.
     """
-    if info.compress_type != zipfile.ZIP_STORED:
-        raise ValueError("compressed")
-    data = archive.read(info)  # checks the sum
     header = HEADER.match(data)
     if not header:
         raise ValueError("no header of an array")

@@ -163,7 +163,8 @@ def test_maps_in_another_unit_than_the_poses_are_refused_where_nothing_scales_th
     if not refused:
         assert Depths(tmp_path, data).of(view) is not None
         return
-    with pytest.raises(DataError, match=re.escape(f"in another unit than the poses: points are about {factor:.3g} times")):
+    said = f"in another unit than the poses: points are about {factor:.3g} times as far away"
+    with pytest.raises(DataError, match=re.escape(said)):
         Depths(tmp_path, data)
 
 

@@ -26,6 +26,7 @@ from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.capture import SETTINGS
 from mi_dogsplat.datasets.colmap_files import read_cameras, read_frames, read_images, read_points
 from mi_dogsplat.datasets.given_cameras import listed_shots
+from mi_dogsplat.datasets.depth_files import read_depth
 from mi_dogsplat.datasets.images import image_size, read_image
 from mi_dogsplat.datasets.point_ply import read_point_ply, write_point_ply
 from mi_dogsplat.formats.compressed_ply import encode
@@ -145,6 +146,8 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
     add("checkpoint", "state.npz", checkpoint_seeds(root), load_checkpoint)
     add("checkpoint_array", "step.npy", array_seeds(), _read_as_member)
     add("image", "photo.png", image_seeds(), lambda path: (image_size(path), read_image(path)))
+    for ending, seed in depth_seeds().items():
+        add(f"depth_{ending}", f"depth.{ending}", [seed], read_depth)
     if importlib.util.find_spec("pillow_heif"):
         add("heic", "photo.heic", heif_seeds(root), lambda path: (image_size(path), read_image(path)))
     if importlib.util.find_spec("rawpy"):
@@ -152,6 +155,15 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
         seeds = [write_dng(root / "seed.dng", light, orientation=turn).read_bytes() for turn in (1, 6)]
         add("dng", "photo.dng", seeds, _developed)
     return targets
+
+
+def depth_seeds() -> dict[str, bytes]:
+    """Depth maps, by the endings of their files."""
+    depths = np.linspace(1, 3, 12).reshape(3, 4)
+    array, picture = io.BytesIO(), io.BytesIO()
+    np.save(array, depths)
+    Image.fromarray((1000 * depths).astype(np.uint16)).save(picture, "png")
+    return {"npy": array.getvalue(), "png": picture.getvalue()}
 
 
 def _developed(path: Path) -> None:
