@@ -57,7 +57,8 @@ def _of_array(path: Path, array: np.ndarray) -> np.ndarray:
     plane = array[..., 0] if array.ndim == 3 and array.shape[2] == 1 else array
     if plane.ndim != 2 or not plane.size:
         raise DataError(path, f"holds an array of shape {array.shape}; depth needs [height, width]", REMEDY)
-    depth = plane.astype(np.float32)
+    with np.errstate(over="ignore"):  # what no float32 holds becomes infinite, which is not known
+        depth = plane.astype(np.float32)
     return depth if plane.dtype.kind == "f" else depth * MILLIMETRE
 
 

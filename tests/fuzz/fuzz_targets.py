@@ -25,8 +25,8 @@ from icc_profiles import DISPLAY_P3, SRGB_CURVE, profile
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.capture import SETTINGS
 from mi_dogsplat.datasets.colmap_files import read_cameras, read_frames, read_images, read_points
-from mi_dogsplat.datasets.given_cameras import listed_shots
 from mi_dogsplat.datasets.depth_files import read_depth
+from mi_dogsplat.datasets.given_cameras import listed_shots
 from mi_dogsplat.datasets.images import image_size, read_image
 from mi_dogsplat.datasets.point_ply import read_point_ply, write_point_ply
 from mi_dogsplat.formats.compressed_ply import encode
