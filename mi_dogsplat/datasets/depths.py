@@ -17,7 +17,7 @@ import numpy as np
 from ..support.errors import DataError
 from .dataset import Dataset, View
 from .depth_files import SUFFIXES, read_depth
-from .named_like_images import composed, files_like_images, views_without
+from .named_like_images import composed, files_like_images, require_same_way, views_without
 
 LEAST_POINTS = 20  # of a view, by which its map can be scaled
 ASKED = 8  # views whose points are asked for the unit
@@ -57,6 +57,8 @@ class Depths:
         depth = read_depth(path)
         if not depth.any():
             raise DataError(path, "knows no depth: all of it is 0, negative or not finite", "remove it, or replace it")
+        source = view.straight.source if view.straight else view.camera
+        require_same_way(path, (depth.shape[1], depth.shape[0]), (source.width, source.height))
         scale = self._scale(view.name, depth)
         return None if scale is None else depth[_nearest(depth, view)] * np.float32(scale)
 

@@ -5,7 +5,6 @@ What moves, or is no part of the scene, is painted black. A mask may be of any s
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -15,13 +14,12 @@ from PIL import Image
 from ..support.errors import DataError
 from .dataset import View
 from .images import box_downscale, read_image
-from .named_like_images import composed, files_like_images, views_without
+from .named_like_images import composed, files_like_images, require_same_way, views_without
 from .photograph_names import PLAIN
 
 MOSTLY = 0.5  # of a view: if more of it is masked, its pose may be wrong, or the mask is of something else
 USED = 0.5  # grey level from which a pixel counts
 ONE = 1.01 / 255  # grey level of the number 1, in 8 bits and in more
-SAME_SHAPE = 0.02  # relative difference of the ratios of two sizes that are of one shape
 
 
 class Masks:
@@ -93,16 +91,6 @@ def require_white(path: Path, brightest: float) -> None:
     """Raise ``DataError`` for a mask whose brightest pixel, 0..1, is the number 1: all of it would be black."""
     if 0 < brightest <= ONE:
         raise DataError(path, "has only 0 and 1, and both are black", "multiply it by 255: white is what counts")
-
-
-def require_same_way(path: Path, mask: tuple[int, int], image: tuple[int, int]) -> None:
-    """Raise ``DataError`` for a mask that stands where its image lies, by their widths and heights: it was painted on
-    the image as EXIF turns it, and stretched to its size it would hide something else."""
-    across, of_mask = (math.log(width / height) for width, height in (image, mask))
-    if abs(across) > 2 * SAME_SHAPE and abs(across + of_mask) < SAME_SHAPE:
-        (width, height), (w, h) = mask, image
-        problem = f"is {width}x{height}, turned by 90° against its image, {w}x{h}"
-        raise DataError(path, problem, "turn it to match the pixels as stored in the image file")
 
 
 def no_mask(folder: Path, view: str) -> DataError:

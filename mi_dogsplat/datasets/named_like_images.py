@@ -6,6 +6,7 @@ The file of ``left/1.JPG`` is ``left/1.png``, or another format, or ``left/1.JPG
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Iterable
 from pathlib import Path
@@ -14,6 +15,8 @@ from unicodedata import normalize
 from ..support.errors import DataError
 from .dataset import IMAGES, view_name
 from .photograph_names import PHOTOGRAPHS
+
+SAME_SHAPE = 0.02  # relative difference of the ratios of two sizes that are of one shape
 
 
 def composed(name: str) -> str:
@@ -51,6 +54,15 @@ def views_without(files: Collection[str], views: Iterable[str]) -> list[str]:
 def folder_named_like(file: Path, view: str) -> Path | None:
     """The folder in which a file is found for a view; None where it is named otherwise."""
     return next((above for above in file.parents if composed(view) in _views_of(file.relative_to(above))), None)
+
+
+def require_same_way(path: Path, size: tuple[int, int], image: tuple[int, int]) -> None:
+    """Raise ``DataError`` for a file that stands where its image lies, by their widths and heights: it is of the image
+    as EXIF turns it, and stretched to its size it would say something of other pixels."""
+    across, of_file = (math.log(width / height) for width, height in (image, size))
+    if abs(across) > 2 * SAME_SHAPE and abs(across + of_file) < SAME_SHAPE:
+        problem = f"is {size[0]}x{size[1]}, turned by 90° against its image, {image[0]}x{image[1]}"
+        raise DataError(path, problem, "turn it to match the pixels as stored in the image file")
 
 
 def _views_of(file: Path) -> tuple[str, str]:

@@ -17,8 +17,8 @@ from ..datasets.color_profiles import Encoding, as_srgb, in_rgb, space_of
 from ..datasets.dataset import require_unique_names, view_name
 from ..datasets.heif import FORMAT as HEIF
 from ..datasets.images import UNREADABLE, open_image, read_image, stored, stored_size
-from ..datasets.masks import mask_files, no_mask, require_same_way, require_white
-from ..datasets.named_like_images import composed
+from ..datasets.masks import mask_files, no_mask, require_white
+from ..datasets.named_like_images import composed, require_same_way
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing

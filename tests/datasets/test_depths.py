@@ -113,6 +113,13 @@ def test_a_map_of_another_size_gives_each_pixel_the_nearest_value(tmp_path):
     np.testing.assert_array_equal(small, [[6]])  # the middle of the 3x3 that are left
 
 
+def test_an_upright_map_of_a_photograph_that_lies_is_refused(tmp_path):
+    data = data_of(view_of(8, 6))
+    np.save(tmp_path / "a.npy", np.ones((4, 3)))
+    with pytest.raises(DataError, match=r"is 3x4, turned by 90° against its image, 8x6; turn it to match the pixels"):
+        Depths(tmp_path, data).of(data.train[0])
+
+
 def test_the_lens_of_the_photograph_is_taken_out_of_its_map(tmp_path):
     source = view_of(64, 48).camera
     straight = undistortion(replace(source, fx=40.0, fy=40.0), Lens((0.2,)))
