@@ -17,7 +17,7 @@ import numpy as np
 from ..support.errors import DataError
 from .dataset import Dataset, View
 from .depth_files import SUFFIXES, read_depth
-from .named_like_images import composed, files_like_images, require_same_way, views_without
+from .named_like_images import composed, files_like_images, line_on_lacking, require_same_way
 
 LEAST_POINTS = 20  # of a view, by which its map can be scaled
 ASKED = 8  # views whose points are asked for the unit
@@ -100,10 +100,8 @@ def without_depth(folder: str | Path | None, views: Iterable[str]) -> list[str]:
     folder."""
     if not folder:
         return []
-    names = list(views)
-    lacking = views_without(depth_files(Path(folder)), names)
-    said = f"{folder}: no depth map for {len(lacking)} of {len(names)} training images"
-    return [f"{said}, such as {lacking[0]}; they are learned from colours alone"] if lacking else []
+    files, so = depth_files(Path(folder)), "they are learned from their colours alone"
+    return line_on_lacking(Path(folder), files, views, "depth map", so)
 
 
 def _nearest(depth: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ from PIL import Image
 from ..support.errors import DataError
 from .dataset import View
 from .images import box_downscale, read_image
-from .named_like_images import composed, files_like_images, require_same_way, views_without
+from .named_like_images import composed, files_like_images, line_on_lacking, require_same_way
 from .photograph_names import PLAIN
 
 MOSTLY = 0.5  # of a view: if more of it is masked, its pose may be wrong, or the mask is of something else
@@ -81,10 +81,7 @@ def without_mask(folder: str | Path | None, views: Iterable[str]) -> list[str]:
     none where all have one, or without a folder."""
     if not folder:
         return []
-    names = list(views)
-    whole = views_without(mask_files(Path(folder)), names)
-    said = f"{folder}: no mask for {len(whole)} of {len(names)} images"
-    return [f"{said}, such as {whole[0]}; all of their pixels count"] if whole else []
+    return line_on_lacking(Path(folder), mask_files(Path(folder)), views, "mask", "all of their pixels count")
 
 
 def require_white(path: Path, brightest: float) -> None:

@@ -46,9 +46,13 @@ def files_like_images(folder: Path, suffixes: Collection[str], kind: str) -> dic
     return paths
 
 
-def views_without(files: Collection[str], views: Iterable[str]) -> list[str]:
-    """The names of ``views`` that have none of the ``files`` of ``files_like_images``, sorted."""
-    return [name for name in sorted(views) if composed(name) not in files]
+def line_on_lacking(folder: Path, files: Collection[str], views: Iterable[str], kind: str, so: str) -> list[str]:
+    """A line on those views, by their names, of which ``files_like_images`` found none in the folder, as where files
+    are named otherwise, and what follows; none where all have one."""
+    names = sorted(views)
+    lacking = [name for name in names if composed(name) not in files]
+    said = f"{folder}: no {kind} for {len(lacking)} of {len(names)} images"
+    return [f"{said}, such as {lacking[0]}; {so}"] if lacking else []
 
 
 def folder_named_like(file: Path, view: str) -> Path | None:

@@ -184,7 +184,7 @@ def test_folders_without_maps_and_maps_that_know_nothing_are_refused(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((4, 4)))
     with pytest.raises(DataError, match=r"a\.npy: knows no depth: all of it is 0, negative or not finite"):
         Depths(tmp_path, data).of(data.train[0])
-    said = f"{tmp_path}: no depth map for 1 of 2 training images, such as b; they are learned from colours alone"
+    said = f"{tmp_path}: no depth map for 1 of 2 images, such as b; they are learned from their colours alone"
     assert without_depth(tmp_path, ["a", "b"]) == [said]
     assert without_depth(tmp_path, ["a"]) == without_depth(None, ["b"]) == []
     write_exr(tmp_path / "a.exr", {"Z": DEPTHS})
