@@ -9,7 +9,8 @@ their values missing. Models are trained
 - ``true``: with the true ones.
 
 All are measured on validation views: PSNR, and the relative error of the expected depth, its mean over all pixels and
-the median. Writes ``depths.json`` and prints a table.
+the median. Writes ``depths.json`` and prints a table. Writes ``depths.png``, too: a view and its depths, of the room, of
+the last preset without maps, and of it with those of the sensor.
 """
 
 from __future__ import annotations
@@ -82,6 +83,9 @@ def main(flags: Sequence[str]) -> None:
             rows.append({**row, "mean": mean, "median": median})
             print(rows[-1], flush=True)
     write_json(args.out / "depths.json", rows)
+    shown = {"without": known_depth.WEIGHT, "sensor": args.weights[0]}
+    folders = [args.out / f"{args.presets[-1]}_{args.seeds[0]}_{name}_{weight:g}" for name, weight in shown.items()]
+    write_png(args.out / "depths.png", side_by_side(data, views[1], folders))
     print("| preset | seed | depth maps | weight | PSNR, dB | depth error: mean | median |\n|" + "---|" * 7)
     for row in rows:
         weight = "" if row["weight"] is None else f"{row['weight']:g}"
@@ -97,6 +101,18 @@ def depth_errors(model: Model, views: Sequence[View], data: Path) -> tuple[float
         truth = np.load(data / "depth" / f"{view.name}.npy")
         errors.append(np.abs(render_picture(params, view.camera, options, 0.0).depth / truth - 1).ravel())
     return float(np.mean(errors)), float(np.median(errors))
+
+
+def side_by_side(data: Path, view: View, runs: Sequence[Path]) -> np.ndarray:
+    """[2 H, n W, 3] a view above its depths, white as far as the room goes: the truth, then the models of the runs."""
+    truth = np.load(data / "depth" / f"{view.name}.npy")
+    columns = [(view.image[..., :3], truth)]
+    for run in runs:
+        splats = read_model(run / "point_cloud.ply").splats
+        drawn = render_picture(upload(splats), view.camera, RasterOptions(splats.sh_degree, depth=True), 0.0)
+        columns.append((drawn.color, drawn.depth))
+    grey = [np.repeat(np.clip(depth / truth.max(), 0, 1)[..., None], 3, axis=2) for _, depth in columns]
+    return np.concatenate([np.concatenate(row, 1) for row in ([color for color, _ in columns], grey)])
 
 
 def walk_through(out: Path, n: int) -> None:
