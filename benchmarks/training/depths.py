@@ -9,8 +9,8 @@ their values missing. Models are trained
 - ``true``: with the true ones.
 
 All are measured on validation views: PSNR, and the relative error of the expected depth, its mean over all pixels and
-the median. Writes ``depths.json`` and prints a table. Writes ``depths.png``, too: a view and its depths, of the room, of
-the last preset without maps, and of it with those of the sensor.
+the median. Writes ``depths.json`` and prints a table. Writes ``depths.png``, too: a view and its depths, of the room,
+of the last preset without maps, and of it with those of the sensor.
 """
 
 from __future__ import annotations
