@@ -50,7 +50,7 @@ def test_a_black_background_costs_what_no_background_costs(datasets, monkeypatch
     black, white = step(trainer_of(datasets[0], background="black")), step(trainer_of(datasets[0], background="white"))
     assert len(black) == len(white) and sum(k for _, k in black) < sum(k for _, k in white)
 
-    def without(self, params, camera, probe=None):
+    def without(self, params, camera, probe=None, depth=False):
         frame = rasterize(params, camera, self.options, probe)
         return frame.colors, frame
 
