@@ -1,9 +1,9 @@
 """Depth maps of the photographs: how far away is what each pixel shows, as a phone with LiDAR or a network says it.
 
 Where the data say which sparse points a view sees (COLMAP), the unit of the world is anything, and networks do not know
-the size of what they see. Then the map of each view is scaled, so that the median of its points agrees with it, as in
-Kerbl et al.'s training with depths. Other data have poses in the unit of their maps: whether that can be is asked of
-points, of which nobody knows which views see them.
+the size of what they see. Then the map of each view is scaled, so that the median of its points agrees with it. Other
+data are to have poses in the unit of their maps. Their sparse points tell whether that can be, though nobody knows
+which views see them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Depths:
     """A folder with a depth map per image, of any size, named as the image (``named_like_images.py``).
 
     Raises ``DataError`` if there is no such folder, or none for any training view, or two for one; and for maps in
-    another unit than the poses, where they are not scaled.
+    another unit than the poses, where they are not scaled, or of which none can be.
     """
 
     def __init__(self, folder: str | Path, dataset: Dataset):
@@ -41,7 +41,9 @@ class Depths:
         if not any(composed(view.name) in self.paths for view in dataset.train):
             remedy = f"name them like the images, as {dataset.train[0].name}.png"
             raise DataError(folder, "has no depth map for any of the images", remedy)
-        if not dataset.observations:
+        if dataset.observations:
+            self._require_points()
+        else:
             self._require_unit()
 
     def of(self, view: View) -> np.ndarray | None:
@@ -61,6 +63,14 @@ class Depths:
         require_same_way(path, (depth.shape[1], depth.shape[0]), (source.width, source.height))
         scale = self._scale(view.name, depth)
         return None if scale is None else depth[_nearest(depth, view)] * np.float32(scale)
+
+    def _require_points(self) -> None:
+        """Raise ``DataError`` if no map can be scaled: the training would be one without depths."""
+        seen = self._dataset.observations
+        mapped = [view.name for view in self._dataset.train if composed(view.name) in self.paths]
+        if not any(len(seen[name].points) >= LEAST_POINTS for name in mapped if name in seen):
+            problem = f"cannot be scaled: no view with a depth map sees {LEAST_POINTS} sparse points"
+            raise DataError(self.folder, problem, "add maps of views that see more, or leave out --depths")
 
     def _require_unit(self) -> None:
         """Raise ``DataError`` if the maps of some views say that the points in them are somewhere else altogether."""

@@ -158,6 +158,14 @@ def test_maps_are_scaled_to_the_sparse_points_that_the_views_see(tmp_path):
     np.testing.assert_allclose(np.asarray(depths.of(half)), 3.7 * depth[1::2, 1::2], rtol=1e-5)
 
 
+def test_maps_of_which_none_can_be_scaled_are_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.ones((4, 4)))
+    few = Observations(np.ones((LEAST_POINTS - 1, 2)), np.zeros(LEAST_POINTS - 1, int))
+    data = data_of(view_of(4, 4), observations={"a": few}, points=[[0, 0, 1]])
+    with pytest.raises(DataError, match=f"no view with a depth map sees {LEAST_POINTS} sparse points"):
+        Depths(tmp_path, data)
+
+
 @pytest.mark.parametrize(("factor", "refused"), [(1, False), (1000, True), (0.1, True)])
 def test_maps_in_another_unit_than_the_poses_are_refused_where_nothing_scales_them(tmp_path, factor, refused):
     view = view_of(40, 30)
