@@ -12,10 +12,17 @@ from .printing import say
 
 def search_poses(source: Path, out: Path, config: PosesConfig) -> None:
     """Write the data set ``out`` while bars show how far it is, then print what was found. Stopped, it is resumable."""
+    from ..datasets.scans.apps import is_scan
     from ..poses.input import not_taken
     from ..poses.run import find_poses
+    from ..poses.scan import take_scan
     from .progress import StageBars
 
+    if is_scan(source):
+        with resumable(), StageBars() as bars:
+            lines = take_scan(source, out, config, bars.show).lines()
+        print("\n".join(lines), flush=True)
+        return
     for line in not_taken(source, Path(config.masks) if config.masks else None):
         say(printable(f"{source}: not read: {line}"))
     with resumable(), StageBars() as bars:

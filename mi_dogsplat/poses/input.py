@@ -1,4 +1,4 @@
-"""What structure from motion starts from: a folder of photographs, or a video; told apart by names alone."""
+"""What poses are sought of: a folder of photographs, a video, or a scan, which has some; told apart by names alone."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from ..datasets.colmap import find_model
 from ..datasets.numbered_models import numbered_models
 from ..datasets.photograph_names import NEWER, PHOTOGRAPHS, PLAIN, RAW
 from ..datasets.run_folders import refuse_run
+from ..datasets.scans import record3d
+from ..datasets.scans.apps import is_scan
 from ..datasets.transforms import find_transforms
 from ..support.errors import DataError
 from ..support.run_files import are_of_run
@@ -31,13 +33,14 @@ def is_video(path: Path) -> bool:
 
 
 def needs_poses(path: str | Path) -> bool:
-    """Whether a path is a video, or a folder of images without any cameras that a reader would find, or name."""
+    """Whether a path is a video, a scan, or a folder of images without any cameras that a reader would find, or
+    name."""
     path = Path(path)
     if not path.is_dir():
         return is_video(path)
     if has_cameras(path):
         return False
-    return _is_result(path) or bool(_files(path, PHOTOGRAPHS))  # of a result ``require_input`` tells
+    return is_scan(path) or _is_result(path) or bool(_files(path, PHOTOGRAPHS))  # of a result ``require_input`` tells
 
 
 def find_photographs(folder: Path, out: Path, masks: Path | None = None, linear: bool = False) -> dict[str, Path]:
@@ -144,6 +147,10 @@ def require_input(path: Path) -> None:
             problem = "has no cameras itself, and all of its images lie in folders that have some"
             raise DataError(path, problem, f"give {'one of these, such as ' * (len(inner) > 1)}{inner[0]}")
         return
+    if path.suffix.lower() == record3d.PACKED:
+        raise DataError(path, "is in Record3D's own format, which is not read here", record3d.EXPORT)
+    if path.suffix.lower() == ".zip":
+        raise DataError(path, "is an archive", "unpack it, and give the folder")
     if not is_video(path):
         one = "a single image" if path.suffix.lower() in PLAIN else "neither a folder of images nor a video"
         raise DataError(path, f"is {one}", f"give a folder of images, or a video ({', '.join(VIDEOS[:5])})")

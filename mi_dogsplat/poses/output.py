@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +32,18 @@ def write_model(model: Any, target: Path) -> None:
 
     Raises ``DataError`` where they have no room.
     """
+    require_room(target.parent, _n_bytes(model))
+    with appearing(target) as folder:
+        model.write_binary(str(folder))
+
+
+@contextmanager
+def appearing(target: Path) -> Iterator[Path]:
+    """A folder to write a model into, which becomes ``target``, in a folder of its own, at the end of the block."""
     top = target.parent.with_name(PART)
     shutil.rmtree(top, ignore_errors=True)
-    require_room(target.parent, _n_bytes(model))
     (top / target.name).mkdir(parents=True)
-    model.write_binary(str(top / target.name))
+    yield top / target.name
     os.replace(top, target.parent)
 
 

@@ -112,8 +112,8 @@ class Search:
     @cached_property
     def digests(self) -> dict[str, str | None]:
         """Of the images and the masks, by their names and sizes."""
-        images = _digest(self.photographs or {self.source.name: self.source})
-        return {"source_sha256": images, "masks_sha256": _digest(mask_files(self.masks)) if self.masks else None}
+        images = digest(self.photographs or {self.source.name: self.source})
+        return {"source_sha256": images, "masks_sha256": digest(mask_files(self.masks)) if self.masks else None}
 
     def settings(self) -> dict[str, Any]:
         """What decides on the poses: the flags, the images and the masks."""
@@ -123,7 +123,7 @@ class Search:
     def free(self) -> tuple[str, ...]:
         """Names of those settings that may change before the search goes on."""
         free = FREE
-        if not _model_folder(self.top).is_dir():  # the scale is measured in the model, once there is one
+        if not model_folder(self.top).is_dir():  # the scale is measured in the model, once there is one
             free += ("scale",)
         if not self.database.is_file():  # nothing is known of the images: one that cannot be read may be left out
             free += ("source_sha256", "masks_sha256")
@@ -155,7 +155,7 @@ def find_poses(
         if not is_done(out):
             search.database.parent.mkdir(exist_ok=True)
             stages = Stages(out / SECONDS, progress)
-            if not _model_folder(search.top).is_dir():
+            if not model_folder(search.top).is_dir():
                 _forget_copies_of_others(search)
                 _reconstruct(pycolmap, search, stages)
             if config.undistort:
@@ -181,14 +181,16 @@ def _search_for(source: Path, out: Path, config: PosesConfig) -> Search:
 
 def is_done(out: Path) -> bool:
     """Whether a folder holds poses that ``find_poses`` has found."""
-    return (out / SETTINGS).is_file() and _model_folder(out).is_dir()
+    return (out / SETTINGS).is_file() and model_folder(out).is_dir()
 
 
-def _model_folder(top: Path) -> Path:
+def model_folder(top: Path) -> Path:
+    """Of a data set."""
     return top / "sparse" / "0"
 
 
-def _digest(files: Mapping[str, Path]) -> str:
+def digest(files: Mapping[str, Path]) -> str:
+    """Of files, by their names and sizes."""
     listed = json.dumps([[file.name, file.stat().st_size] for file in dict.fromkeys(files.values())]).encode()
     return hashlib.sha256(listed).hexdigest()
 
@@ -238,7 +240,7 @@ def _reconstruct(pycolmap: Any, search: Search, stages: Stages) -> None:
     for folder in {search.out, top}:  # two data sets with --undistort
         write_world(folder, placed.world)
     model = renamed(models[0], radiance_name) if config.linear else models[0]
-    write_model(model, _model_folder(top))
+    write_model(model, model_folder(top))
 
 
 def _images(
@@ -274,4 +276,4 @@ def _undistort(pycolmap: Any, search: Search, stages: Stages) -> None:
     with stages.of("undistortion") as progress:
         model = undistort(pycolmap, search.top, search.out, progress)
     dataclasses.replace(Summary.read(search.out), seconds=stages.seconds).write(search.out)
-    write_model(model, _model_folder(search.out))
+    write_model(model, model_folder(search.out))

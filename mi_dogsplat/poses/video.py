@@ -99,11 +99,11 @@ def grey_of(frame: Any, longest: int) -> np.ndarray:
     return frame.reformat(**size, format="gray", interpolation="AREA").to_ndarray().astype(np.float32) / 255
 
 
-def upright_rgb(frame: Any, aspect: float) -> np.ndarray:
-    """sRGB, uint8 [H, W, 3], with square pixels, turned as it was held; ``aspect`` as in ``read_frames``.
+def rgb_of(frame: Any, aspect: float, turned: bool = True) -> np.ndarray:
+    """sRGB, uint8 [H, W, 3], with square pixels, ``turned`` as it was held; ``aspect`` as in ``read_frames``.
 
     A camera of structure from motion has one focal length for both axes.
     """
     wide = srgb_of(frame, round(frame.width * aspect))
-    quarters = round(frame.rotation / 90)  # counterclockwise
+    quarters = round(frame.rotation / 90) if turned else 0  # counterclockwise
     return np.ascontiguousarray(np.rot90(wide, quarters))

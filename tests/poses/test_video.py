@@ -1,6 +1,5 @@
 """Videos: which frames are taken, how they are turned, and what is no video."""
 
-import struct
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -16,18 +15,16 @@ from mi_dogsplat.poses import frames as module
 from mi_dogsplat.poses import video as video_module
 from mi_dogsplat.poses.frame_choice import LEAST, FrameMark, Odometer, choose, sharpness, shift
 from mi_dogsplat.poses.frames import take_frames
-from mi_dogsplat.poses.video import grey_of, pixel_aspect, read_frames, upright_rgb
+from mi_dogsplat.poses.video import grey_of, pixel_aspect, read_frames, rgb_of
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.ndimage import shift as moved
+from turned_video import turned_clockwise
 
 from benchmarks.poses.filmed_scene import write_video
 
 WIDTH, HEIGHT = 160, 96
-# matrix of a track in the header "tkhd": a b u, c d v, x y w
-IDENTITY = struct.pack(">9i", 1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30)
-CLOCKWISE = struct.pack(">9i", 0, 1 << 16, 0, -1 << 16, 0, 0, 0, 0, 1 << 30)
 
 
 def texture(seed: int = 0, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
@@ -153,19 +150,13 @@ def test_a_video_that_goes_on_in_another_size_has_a_camera_for_each(tmp_path):
     assert {(p.camera, p.width) for p in made} == {("video 160x96", 160), ("video 128x64", 128)}
 
 
-def turned_clockwise(video: Path, out: Path) -> None:
-    data = video.read_bytes()
-    at = data.index(IDENTITY, data.index(b"tkhd"))
-    out.write_bytes(data[:at] + CLOCKWISE + data[at + len(CLOCKWISE) :])
-
-
 def test_a_phone_held_upright_gives_upright_frames(tmp_path):
     frame = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     frame[: HEIGHT // 2, : WIDTH // 2] = 255  # top left in the file, top right when it is turned clockwise
     write_video(tmp_path / "a.mp4", [frame] * 3)
     turned_clockwise(tmp_path / "a.mp4", tmp_path / "b.mp4")
     _, upright, aspect = next(iter(read_frames(tmp_path / "b.mp4")))
-    picture = upright_rgb(upright, aspect)
+    picture = rgb_of(upright, aspect)
     assert picture.shape == (WIDTH, HEIGHT, 3)
     assert picture[: WIDTH // 2, HEIGHT // 2 :].min() > 200 and picture[WIDTH // 2 :].max() < 50
     assert grey_of(upright, 40).shape == (24, 40)
@@ -182,7 +173,7 @@ def test_frames_whose_pixels_are_not_square_are_widened_before_they_are_turned(t
     wide = round(WIDTH * 4 / 3)
     for name, size in ("a.mp4", (HEIGHT, wide)), ("b.mp4", (wide, HEIGHT)):
         _, squeezed, aspect = next(iter(read_frames(tmp_path / name)))
-        shown = upright_rgb(squeezed, aspect)[..., 0] > 128
+        shown = rgb_of(squeezed, aspect)[..., 0] > 128
         assert shown.shape == size
         assert [shown.any(axis=k).sum() for k in (0, 1)] == pytest.approx([60, 60], abs=2)
 

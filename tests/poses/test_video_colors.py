@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 from av.video.reformatter import Colorspace
-from mi_dogsplat.poses.video import read_frames, upright_rgb
+from mi_dogsplat.poses.video import read_frames, rgb_of
 from mi_dogsplat.poses.video_colors import require_colors
 from mi_dogsplat.support.errors import DataError
 from numpy.typing import NDArray
@@ -71,7 +71,7 @@ def luma_and_chroma(signal: NDArray[np.float64], red: float, blue: float, bits: 
 
 def seen(frame: av.VideoFrame) -> NDArray[np.int64]:
     """The middles of the columns, as they come out."""
-    picture, step = upright_rgb(frame, 1.0), frame.width // len(PATCHES)
+    picture, step = rgb_of(frame, 1.0), frame.width // len(PATCHES)
     return picture[frame.height // 2, step // 2 :: step].astype(int)
 
 
@@ -153,7 +153,7 @@ def test_what_is_no_luma_and_chroma_comes_out_as_it_is(matrix):
     np.testing.assert_array_equal(seen(frame), PATCHES)
     grey = av.VideoFrame.from_ndarray(np.arange(256, dtype=np.uint8).repeat(6).reshape(16, 96), format="gray")
     grey.color_range = 2
-    np.testing.assert_array_equal(upright_rgb(grey, 1.0), grey.to_ndarray()[..., None].repeat(3, -1))
+    np.testing.assert_array_equal(rgb_of(grey, 1.0), grey.to_ndarray()[..., None].repeat(3, -1))
 
 
 @pytest.mark.parametrize("full", [False, True], ids=["limited", "full"])
@@ -169,5 +169,5 @@ def test_frames_are_as_bright_as_they_were_written(full, aspect):
     coded = np.concatenate([base + steps * luma.ravel(), *(128 + of_chroma * x.ravel() for x in halved)])
     frame = av.VideoFrame.from_ndarray(np.rint(coded).astype(np.uint8).reshape(144, 120), format="yuv420p")
     frame.colorspace, frame.color_range = 1, 2 if full else 1
-    read = upright_rgb(frame, aspect).astype(float)
+    read = rgb_of(frame, aspect).astype(float)
     assert abs(read.mean((0, 1)) - written.mean((0, 1))).max() < 0.2

@@ -17,7 +17,8 @@ from ..printing import say
 from ..training_run import run_training
 
 SUMMARY = "train a model on photographs or a video"
-PLAIN = "plain images or a video, whose poses are found first"
+PLAIN = "plain images or a video, whose poses are found first, or a scan by Polycam, Record3D or Stray Scanner"
+MADE = {"masks": "masks", "depths": "depth"}  # settings, and the folders for them in data that are made first
 EXAMPLES = """
 Examples:
   dogsplat train photos/ -o run                        the full schedule, a tenth of the primitives
@@ -38,6 +39,7 @@ Examples:
                                                        two images taken 75 cm apart: the unit in metres
   dogsplat train pictures/ -o run --downscale 4        images without cameras: poses first, in run/posed
   dogsplat train walk.mp4 -o run --downscale 4         a video: frames and poses first
+  dogsplat train scan/ -o run                          a scan by Polycam: its poses and depth maps
 
 Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
 history.jsonl, config.json, and test/ with a render, the photograph and an error map of each test view.
@@ -81,7 +83,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _posed(config: TrainConfig, run: Path) -> TrainConfig:
-    """The settings for data with poses: those given, or what is made of plain images or a video in the run's folder."""
+    """The settings for data with poses: those given, or what is made in the run's folder of plain images, a video or a
+    scan."""
+    from ...datasets.scans.apps import is_scan
     from ...poses.input import needs_poses, require_input
     from ...report.run_folder import POSED
     from ...runs.run import prepared
@@ -91,6 +95,8 @@ def _posed(config: TrainConfig, run: Path) -> TrainConfig:
     require_input(Path(config.data))
     out = run / POSED
     with prepared(run):
-        say(f"{config.data} has no cameras: finding poses first, in {out}")
+        scanned = is_scan(Path(config.data))
+        say(f"{config.data} {'is a scan: reading it' if scanned else 'has no cameras: finding poses'} first, in {out}")
         search_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
-    return replace(config, data=str(out), masks=str(out / "masks") if (out / "masks").is_dir() else None)
+    found = {kind: str(out / folder) for kind, folder in MADE.items() if (out / folder).is_dir()}
+    return replace(config, data=str(out), **{"masks": None, **found})
