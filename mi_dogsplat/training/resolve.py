@@ -8,12 +8,15 @@ import numpy as np
 
 from ..datasets import Dataset
 from ..datasets.dataset import camera_extent
+from ..datasets.depth_points import depth_points
+from ..datasets.depths import Depths
 from ..formats.model import Model
 from ..scene.drawing import DrawnAs
 from ..scene.finite import finite_rows
 from ..scene.row_groups import BESIDE_COLORS, DOG, RowGroup
 from ..scene.splats import Splats
 from ..support.errors import DataError
+from ..support.srgb import displayed
 from .config import TrainConfig
 from .initialize import initial_splats
 from .memory_budget import Budget, Later, budget
@@ -47,7 +50,8 @@ class Start:
 def start_of(
     config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None, model: Model | None = None
 ) -> Start:
-    """The start of a run by the settings, or by a ``recipe`` in place of their preset's; no photograph is read.
+    """The start of a run by the settings, or by a ``recipe`` in place of their preset's; photographs are read where
+    the points are those of depth maps.
 
     ``model`` is the ``model_to_prune`` of the settings, where that has been read. Raises ``DataError`` for settings
     that are not for these data, and for primitives that do not fit into the memory or are all in the near zone.
@@ -57,6 +61,7 @@ def start_of(
     extent = camera_extent(dataset.train)
     near_clip = near_clip_of(config, extent)
     config = replace(config, near_clip=near_clip, white=dataset.white)
+    dataset = with_points(config, dataset)
     splats = initial_splats(config, dataset, recipe.start_limit(config.target) or config.max_primitives, model)
     sieve = Sieve(config.near_zone)
     means = splats.means[finite_rows(splats.means)]  # of a model that is to be pruned some may be broken
@@ -64,6 +69,22 @@ def start_of(
         sieve.near(means, np.array([view.camera.position for view in dataset.train]))
     memory = memory_of(config, dataset, recipe, splats)
     return Start(dataset, config, recipe, extent, near_clip, splats, sieve, memory)
+
+
+def with_points(config: TrainConfig, dataset: Dataset) -> Dataset:
+    """The data set with the points of its depth maps, where these are given and it has no points itself. Raises
+    ``DataError``."""
+    if len(dataset.points) or config.depths is None or config.model is not None:
+        return dataset
+    depths = Depths(config.depths, dataset)
+    found = ((view, depths.of(view)) for view in dataset.train)
+    views = (
+        (view.camera, depth, displayed(view.image, dataset.white) if dataset.white else view.image)
+        for view, depth in found
+        if depth is not None
+    )
+    points, colors = depth_points(views, len(dataset.train), config.seed)
+    return replace(dataset, points=points, point_colors=colors)
 
 
 def exposed(config: TrainConfig, dataset: Dataset) -> Dataset:
