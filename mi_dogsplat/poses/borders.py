@@ -13,8 +13,9 @@ import numpy as np
 from PIL import Image
 from scipy import ndimage
 
-from ..datasets.images import open_image, stored
+from ..datasets.images import stored
 from ..support.files import replacing
+from .photographs import readable
 
 BLACK = 16  # of 255: JPEG leaves ripples where it is black
 RIPPLES = 8  # pixels of a block of JPEG: how far from the border they reach
@@ -25,7 +26,7 @@ def black_border(images: Sequence[Path]) -> np.ndarray | None:
     for images of several sizes. Raises ``DataError``."""
     brightest: np.ndarray | None = None
     for file in images:
-        with open_image(file) as image:
+        with readable(file) as image:
             levels = np.asarray(stored(image).convert("RGB")).max(axis=2)
         if brightest is not None and levels.shape != brightest.shape:
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -31,16 +32,23 @@ def choose_frames(
 
 
 def take_frames(
-    video: Path, choice: Path, folder: Path, n: int | None, progress: Callable[[int, int], None], turned: bool = True
+    video: Path,
+    choice: Path,
+    folder: Path,
+    n: int | None,
+    progress: Callable[[int, int], None],
+    end: int | None = None,
+    turned: bool = True,
 ) -> list[Photograph]:
     """Write the chosen frames into ``folder`` unless they are there.
 
     The file ``choice`` keeps which they are, so that a second start need not read the video to choose again. ``n``: see
-    ``choose``; ``turned``: as the file says that they were held, else as the sensor has them. Raises ``DataError`` for
+    ``choose``; ``end``: how many of its frames may be chosen, all if it is None; ``turned``: as the file says that they
+    were held, else as the sensor has them. Raises ``DataError`` for
     what cannot be read, and for a video in which nothing moves.
     """
     if not choice.is_file():
-        greys = ((index, grey_of(frame, SMALL)) for index, frame, _ in read_frames(video))
+        greys = ((index, grey_of(frame, SMALL)) for index, frame, _ in islice(read_frames(video), end))
         write_json(choice, choose_frames(greys, n, progress))
     chosen: list[int] = read_json(choice, "remove the file")
     if len(chosen) < FEWEST:

@@ -65,7 +65,7 @@ def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, 
 
 
 def _prepared(name: str, source: Path, folder: Path) -> Photograph:
-    with _readable(source) as image:
+    with readable(source) as image:
         exif, kind = read_exif(image), KINDS.get(image.format or "", image.format or "")
         copied = exif.turn is None and image.mode in AS_THEY_ARE.get(kind, "").split()
         made = "JPEG" if kind in LOSSY and "A" not in image.getbands() else "PNG"
@@ -105,12 +105,12 @@ def camera_of(device: str, size: tuple[int, int]) -> str:
 
 def _lies(photograph: Photograph, mask: Path) -> bool:
     """Whether a mask was painted on the pixels of the file, which a quarter turn made upright."""
-    with _readable(mask) as image:
+    with readable(mask) as image:
         return (image.width > image.height) != (photograph.width > photograph.height)
 
 
 @contextmanager
-def _readable(source: Path) -> Iterator[Image.Image]:
+def readable(source: Path) -> Iterator[Image.Image]:
     """The image of a file. What is raised of reading it becomes a ``DataError``."""
     try:
         with open_image(source) as image:

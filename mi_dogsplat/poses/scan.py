@@ -19,7 +19,7 @@ from PIL import Image
 
 from ..datasets.colmap_write import write_colmap
 from ..datasets.depth_points import depth_points
-from ..datasets.images import image_size, open_image, read_image, stored
+from ..datasets.images import image_size, read_image, stored
 from ..datasets.scans.apps import read_scan
 from ..datasets.scans.scan import REMEDY, Scan, ScanFrame
 from ..datasets.world import World, write_world
@@ -35,6 +35,7 @@ from .config import FREE, SETTINGS, PosesConfig
 from .frame_choice import SMALL
 from .frames import CHOICE, choose_frames, take_frames
 from .output import appearing
+from .photographs import readable
 from .run import Progress, digest, is_done, model_folder
 from .scan_depth import depth_file, trusted_depth, write_depth
 from .scan_summary import ScanSummary
@@ -109,10 +110,7 @@ def _images(scan: Scan, out: Path, n: int | None, progress: Callable[[int, int],
     choice.parent.mkdir(exist_ok=True)
     by_number = {frame.number: frame for frame in scan.frames}
     if scan.video:
-        names = {p.name for p in take_frames(scan.video, choice, images, n, progress, turned=False)}
-        for number in read_json(choice, REMEDY):  # a video may be a frame longer than its poses
-            if number not in by_number:
-                (images / ScanFrame(number, np.eye(4), (1, 1, 0, 0)).name).unlink()
+        names = {p.name for p in take_frames(scan.video, choice, images, n, progress, len(scan.frames), turned=False)}
         return [frame for frame in scan.frames if frame.name in names]
     if not choice.is_file():
         all_of_them = scan.keyframes and n is None
@@ -129,7 +127,7 @@ def _images(scan: Scan, out: Path, n: int | None, progress: Callable[[int, int],
 
 def _grey(file: Path) -> np.ndarray:
     """A small picture [H, W] in 0..1 of an image."""
-    with open_image(file) as image:
+    with readable(file) as image:
         image.draft("L", (SMALL, SMALL))
         grey = stored(image).convert("L")
     grey.thumbnail((SMALL, SMALL), Image.Resampling.BOX)

@@ -19,13 +19,14 @@ import pdoc
 MODULES = [
     "mi_dogsplat", "mi_dogsplat.integrator", "mi_dogsplat.shape_dog", "mi_dogsplat.scene", "mi_dogsplat.datasets",
     "mi_dogsplat.datasets.capture", "mi_dogsplat.datasets.capture_config", "mi_dogsplat.poses.run",
-    "mi_dogsplat.poses.config", "mi_dogsplat.engine", "mi_dogsplat.reference", "mi_dogsplat.training",
-    "mi_dogsplat.scores", "mi_dogsplat.render", "mi_dogsplat.runs", "mi_dogsplat.compare.compare",
-    "mi_dogsplat.compare.names", "mi_dogsplat.measure.evaluate", "mi_dogsplat.measure.metrics",
-    "mi_dogsplat.inspection", "mi_dogsplat.export.write", "mi_dogsplat.export.export_config", "mi_dogsplat.editing",
-    "mi_dogsplat.film.make", "mi_dogsplat.film.film_config", "mi_dogsplat.meshing", "mi_dogsplat.masking",
-    "mi_dogsplat.requests.serve", "mi_dogsplat.viewer.server", "mi_dogsplat.check.run", "mi_dogsplat.support.errors",
-    "mi_dogsplat.support.settings", "mi_dogsplat.support.variants",
+    "mi_dogsplat.poses.config", "mi_dogsplat.poses.scan", "mi_dogsplat.engine", "mi_dogsplat.reference",
+    "mi_dogsplat.training", "mi_dogsplat.scores", "mi_dogsplat.render", "mi_dogsplat.runs",
+    "mi_dogsplat.compare.compare", "mi_dogsplat.compare.names", "mi_dogsplat.measure.evaluate",
+    "mi_dogsplat.measure.metrics", "mi_dogsplat.inspection", "mi_dogsplat.export.write",
+    "mi_dogsplat.export.export_config", "mi_dogsplat.editing", "mi_dogsplat.film.make", "mi_dogsplat.film.film_config",
+    "mi_dogsplat.meshing", "mi_dogsplat.masking", "mi_dogsplat.requests.serve", "mi_dogsplat.viewer.server",
+    "mi_dogsplat.check.run", "mi_dogsplat.support.errors", "mi_dogsplat.support.settings",
+    "mi_dogsplat.support.variants",
 ]  # fmt: skip
 
 

@@ -14,6 +14,7 @@ import warnings
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import foreign_model
@@ -29,6 +30,7 @@ from mi_dogsplat.datasets.depth_files import read_depth
 from mi_dogsplat.datasets.given_cameras import listed_shots
 from mi_dogsplat.datasets.images import image_size, read_image
 from mi_dogsplat.datasets.point_ply import read_point_ply, write_point_ply
+from mi_dogsplat.datasets.scans.apps import read_scan
 from mi_dogsplat.formats.compressed_ply import encode
 from mi_dogsplat.formats.gltf_container import glb
 from mi_dogsplat.formats.model import Model
@@ -47,6 +49,7 @@ from mi_dogsplat.scene.row_groups import SECOND_CUTS
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.resumable import require_same
 from mi_dogsplat.training.events import DogActivated, Pruned, row_of
+from phone_scans import write_polycam, write_record3d, write_stray_files
 from PIL import ExifTags, Image
 from ply_files import (
     curvature_columns,
@@ -148,6 +151,9 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
     add("image", "photo.png", image_seeds(), lambda path: (image_size(path), read_image(path)))
     for ending, seed in depth_seeds().items():
         add(f"depth_{ending}", f"depth.{ending}", [seed], read_depth)
+    for name, (folder, file) in scan_folders(root).items():
+        seeds = [(folder / file).read_bytes()]
+        targets[f"scan_{name}"] = Target(file, seeds, partial(_read_scan, folder), folder)
     if importlib.util.find_spec("pillow_heif"):
         add("heic", "photo.heic", heif_seeds(root), lambda path: (image_size(path), read_image(path)))
     if importlib.util.find_spec("rawpy"):
@@ -155,6 +161,23 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
         seeds = [write_dng(root / "seed.dng", light, orientation=turn).read_bytes() for turn in (1, 6)]
         add("dng", "photo.dng", seeds, _developed)
     return targets
+
+
+def scan_folders(root: Path) -> dict[str, tuple[Path, str]]:
+    """Scans, and a file of each that tells cameras, by names."""
+    write_polycam(root / "polycam", n=3)
+    write_record3d(root / "record3d", n=4)
+    for name in ("odometry", "camera_matrix"):
+        write_stray_files(root / name, 3)
+        (root / name / "rgb.mp4").touch()
+    camera = next((root / "polycam").rglob("corrected_cameras/*.json"))
+    told = {"polycam": camera, "record3d": root / "record3d" / "metadata.json"}
+    told |= {name: root / name / f"{name}.csv" for name in ("odometry", "camera_matrix")}
+    return {name: (root / name, path.relative_to(root / name).as_posix()) for name, path in told.items()}
+
+
+def _read_scan(folder: Path, _: Path) -> None:
+    read_scan(folder)
 
 
 def depth_seeds() -> dict[str, bytes]:

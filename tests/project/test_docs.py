@@ -56,6 +56,7 @@ RUN_ELSEWHERE = {
     **{"ablate": "test_ablate.py", "check": "test_check.py", "compare": "test_compare.py", "view": "test_viewer.py"},
     "--resume": "test_resume.py",
     **{word: "test_poses.py" for word in ("poses", "pictures/", "walk.mp4", "posed/")},
+    **{word: "test_scan.py" for word in ("scan/", "scanned/")},
 }
 PARSER = build_parser()
 CAPTURED = ("sensors", "cameras.json")  # --path of views that are given, which know no --views

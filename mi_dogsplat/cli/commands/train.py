@@ -39,7 +39,7 @@ Examples:
                                                        two images taken 75 cm apart: the unit in metres
   dogsplat train pictures/ -o run --downscale 4        images without cameras: poses first, in run/posed
   dogsplat train walk.mp4 -o run --downscale 4         a video: frames and poses first
-  dogsplat train scan/ -o run                          a scan by Polycam: its poses and depth maps
+  dogsplat train scan/ -o run                          a scan by Polycam, with its poses and depth maps
 
 Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
 history.jsonl, config.json, and test/ with a render, the photograph and an error map of each test view.

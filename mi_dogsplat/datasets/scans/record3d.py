@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ...scene.cameras import affine, opengl_c2w_to_opencv_w2c
-from ...scene.quaternions import rotation_from_quaternion
+from ...scene.cameras import opengl_c2w_to_opencv_w2c
 from ...support.errors import DataError
 from ...support.files import read_object
-from .scan import REMEDY, Scan, ScanFrame, existing, require_frames
+from .scan import REMEDY, Scan, ScanFrame, existing, pose_of, require_frames
 
 APP = "Record3D"
 METADATA = "metadata.json"
@@ -56,12 +55,9 @@ def read(folder: Path) -> Scan:
 
 
 def _frame(folder: Path, told: dict[str, Any], number: int, pose: np.ndarray) -> ScanFrame:
-    if not np.isfinite(pose).all() or not pose[:4].any():
-        raise ValueError(f"the pose of frame {number} is {pose.tolist()}")
-    c2w = affine(rotation_from_quaternion(pose[None, :4])[0], pose[4:])
     frame = ScanFrame(
         number,
-        opengl_c2w_to_opencv_w2c(c2w),
+        opengl_c2w_to_opencv_w2c(pose_of(pose[:4], pose[4:])),
         _intrinsics(told, number),
         (int(told["w"]), int(told["h"])),
         existing(folder / "rgb" / f"{number}.jpg"),

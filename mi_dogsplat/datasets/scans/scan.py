@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...scene.cameras import Camera
+from ...scene.cameras import RIGID_TOLERANCE, Camera, affine
+from ...scene.quaternions import rotation_from_quaternion
 from ...support.errors import DataError
+from ..images import is_file
 
 REMEDY = "export the scan again"
 
@@ -68,9 +70,19 @@ class Scan:
     video: Path | None = None
 
 
+def pose_of(quaternion: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Camera to world [4, 4] of a quaternion [4] (x, y, z, w) and a place [3]. Raises ``ValueError`` for what is no
+    pose."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = float(np.linalg.norm(quaternion))
+    if not np.isfinite(place).all() or not abs(length - 1) < RIGID_TOLERANCE:
+        raise ValueError(f"no pose: quaternion {quaternion.tolist()}, place {place.tolist()}")
+    return affine(rotation_from_quaternion(quaternion[None])[0], place)
+
+
 def existing(path: Path) -> Path | None:
     """A path if there is such a file."""
-    return path if path.is_file() else None
+    return path if is_file(path) else None
 
 
 def require_frames(path: Path, frames: Sequence[ScanFrame]) -> None:

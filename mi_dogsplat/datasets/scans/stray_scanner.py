@@ -14,10 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...scene.cameras import affine, inverse_rigid
-from ...scene.quaternions import rotation_from_quaternion
+from ...scene.cameras import inverse_rigid
 from ...support.errors import DataError
-from .scan import REMEDY, Scan, ScanFrame, existing, require_frames
+from .scan import REMEDY, Scan, ScanFrame, existing, pose_of, require_frames
 
 APP = "Stray Scanner"
 VIDEO, ODOMETRY, MATRIX = "rgb.mp4", "odometry.csv", "camera_matrix.csv"
@@ -33,7 +32,10 @@ def read(folder: Path) -> Scan:
     """The scan of a folder; its frames are numbered as in the video. Raises ``DataError``."""
     file, matrix = folder / ODOMETRY, folder / MATRIX
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
-    rows = list(csv.DictReader(lines, skipinitialspace=True))
+    try:
+        rows = list(csv.DictReader(lines, skipinitialspace=True))
+    except csv.Error as error:
+        raise DataError(file, f"is no table ({error})", REMEDY) from None
     columns = {name.strip() for name in rows[0] if name} if rows else set()
     if missing := [name for name in POSE if name not in columns]:
         raise DataError(file, f'has no column "{missing[0]}"', REMEDY)
@@ -48,7 +50,7 @@ def _matrix(file: Path) -> tuple[float, float, float, float]:
     try:
         rows = [[float(word) for word in row] for row in csv.reader(file.read_text(encoding="utf-8").splitlines())]
         (fx, _, cx), (_, fy, cy), _ = rows
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise DataError(file, f"is no matrix of a camera ({error})", REMEDY) from None
     return fx, fy, cx, cy
 
@@ -60,11 +62,9 @@ def _frame(
         told = {name.strip(): value for name, value in row.items() if name}
         pose = np.array([float(told[name]) for name in POSE])
         fx, fy, cx, cy = shared or (float(told[name]) for name in FOCAL)
-        if not np.isfinite(pose).all() or not pose[3:].any():
-            raise ValueError("no pose")
+        w2c = inverse_rigid(pose_of(pose[3:], pose[:3]))
         saved = int(told.get("frame") or number)
     except (TypeError, ValueError) as error:  # of a line that ends early values are None
         raise DataError(file, f"line {number + 2} cannot be read ({error})", REMEDY) from None
-    w2c = inverse_rigid(affine(rotation_from_quaternion(pose[None, 3:])[0], pose[:3]))
     files = (existing(folder / kind / f"{saved:06d}.png") for kind in ("depth", "confidence"))
     return ScanFrame(number, w2c, (fx, fy, cx, cy), None, None, *files)

@@ -69,7 +69,8 @@ DAMAGE = [
     ("polycam", CAMERA, {"width": [1]}, "is no camera"),
     ("record3d", "metadata.json", {"poses": None}, "only recordings by LiDAR have poses"),
     ("record3d", "metadata.json", {"poses": [[0, 0, 0, 1, 0, 0]]}, "expected (frames, 7)"),
-    ("record3d", "metadata.json", {"poses": [[0, 0, 0, 0, 0, 0, 0]] * 3}, "the pose of frame 0"),
+    ("record3d", "metadata.json", {"poses": [[0, 0, 0, 0, 0, 0, 0]] * 3}, "no pose: quaternion [0.0, 0.0, 0.0, 0.0]"),
+    ("record3d", "metadata.json", {"poses": [[1e200, 0, 0, 0, 0, 0, 0]] * 3}, "no pose"),
     ("record3d", "metadata.json", {"K": [1, 2]}, "no cameras that can be used"),
     ("record3d", "metadata.json", {"w": "wide"}, "no cameras that can be used"),
     ("record3d", "metadata.json", {"perFrameIntrinsicCoeffs": [[1, 2]] * 4}, "no cameras that can be used"),
@@ -90,8 +91,8 @@ STRAY = [
     ("odometry.csv", "", 'has no column "x"'),
     ("odometry.csv", "timestamp, frame, x, y, z, qx, qy, qz\n0, 0, 1, 1, 1, 0, 0, 0\n", 'has no column "qw"'),
     ("odometry.csv", "x, y, z, qx, qy, qz, qw\n0, 0, 0, 0, 0, 0, 1\n0, 0\n", "line 3 cannot be read"),
-    ("odometry.csv", "x, y, z, qx, qy, qz, qw\n0, 0, nan, 0, 0, 0, 1\n", "line 2 cannot be read (no pose)"),
-    ("odometry.csv", "x, y, z, qx, qy, qz, qw\n0, 0, 0, 0, 0, 0, 0\n", "line 2 cannot be read (no pose)"),
+    ("odometry.csv", "x, y, z, qx, qy, qz, qw\n0, 0, nan, 0, 0, 0, 1\n", "line 2 cannot be read (no pose"),
+    ("odometry.csv", "x, y, z, qx, qy, qz, qw\n0, 0, 0, 0, 0, 0, 0\n", "line 2 cannot be read (no pose"),
     ("odometry.csv", "x, y, z, qx, qy, qz, qw\n0, 0, 0, 0, 0, 0, 1\n", "a single photograph"),
     ("odometry.csv", "x, y, z, qx, qy, qz, qw, frame\n0, 0, 0, 0, 0, 0, 1, a\n", "line 2 cannot be read"),
     ("camera_matrix.csv", "1, 0, 2\n0, 1\n", "is no matrix of a camera"),
@@ -106,6 +107,13 @@ def test_a_table_that_cannot_be_read_is_one_line(tmp_path, file, text, problem):
     with pytest.raises(DataError) as error:
         read_scan(folder)
     assert problem in str(error.value)
+
+
+def test_a_number_that_no_file_name_holds_has_no_depth_map(tmp_path):
+    folder = write("stray", tmp_path / "scan")
+    header = "x, y, z, qx, qy, qz, qw, frame"
+    (folder / "odometry.csv").write_text("\n".join([header, *2 * [f"0, 0, 0, 0, 0, 0, 1, {'9' * 300}"]]))
+    assert [frame.depth for frame in read_scan(folder).frames] == [None, None]
 
 
 def test_photographs_that_are_missing_are_left_out_and_one_alone_is_refused(tmp_path):
