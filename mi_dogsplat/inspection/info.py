@@ -66,7 +66,8 @@ def _begins_as_model(path: Path) -> bool:
 
 
 def _unknown(path: Path) -> DataError:
-    from ..poses.input import needs_poses, require_input  # here: see ``kind_of``
+    from ..datasets.scans.apps import is_scan  # here: see ``kind_of``
+    from ..poses.input import needs_poses, require_input
 
     meta = path / META
     if meta.is_file() and is_sog_meta(meta):  # whose pictures are no photographs
@@ -76,5 +77,5 @@ def _unknown(path: Path) -> DataError:
     if needs_poses(path):
         require_input(path)
         remedy = "dogsplat poses makes a data set of it; dogsplat train does that by itself"
-        return DataError(path, "has no cameras yet", remedy)
+        return DataError(path, "is the scan of a phone" if is_scan(path) else "has no cameras yet", remedy)
     return DataError(path, "not something dogsplat knows", ACCEPTED)

@@ -12,6 +12,7 @@ from mi_dogsplat.datasets.colmap import find_model, read_sources
 from mi_dogsplat.datasets.depth_files import read_depth
 from mi_dogsplat.datasets.depths import Depths
 from mi_dogsplat.datasets.world import World, read_world
+from mi_dogsplat.inspection.info import describe
 from mi_dogsplat.poses.borders import RIPPLES
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.input import needs_poses
@@ -240,6 +241,8 @@ def test_settings_of_structure_from_motion_are_refused(tmp_path, setting):
 def test_the_command_takes_a_scan_and_train_takes_masks_and_depths_of_it(tmp_path, capsys):
     scans.write_polycam(tmp_path / "scan")
     assert needs_poses(tmp_path / "scan")
+    with pytest.raises(DataError, match="is the scan of a phone; dogsplat poses makes a data set of it"):
+        describe(tmp_path / "scan")
     assert main(["poses", str(tmp_path / "scan"), "-o", str(tmp_path / "posed")]) == 0
     assert "16 images of a scan by Polycam" in capsys.readouterr().out
     run = tmp_path / "run"
