@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..scene.cameras import Camera
 
 MOST = 100_000  # points: as many as structure from motion finds in some hundred photographs
 TAKEN = 5  # times as many are taken, before they become one for each voxel
-STEADY = 0.05  # relative step of depth to a neighbour, above which a pixel may lie between two surfaces
+STEADY = 0.05  # relative difference of depths, above which they are of two surfaces
+JUDGES, ENOUGH = 24, 512  # views whose maps judge the points of all others, and pixels of a side that they have for it
 HALVINGS = 16  # of the size of a voxel, until it is found
 FINEST = 2**20  # voxels along the longest side of what the points fill
 
@@ -18,7 +20,8 @@ FINEST = 2**20  # voxels along the longest side of what the points fill
 def depth_points(
     views: Iterable[tuple[Camera, np.ndarray, np.ndarray]], n_views: int, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(points [P, 3] float32 in world space, colors [P, 3] float32 in 0..1), at most ``MOST``, evenly spread.
+    """(points [P, 3] float32 in world space, colors [P, 3] float32 in 0..1), at most ``MOST``, evenly spread,
+    without those between two surfaces, and those that other views see through.
 
     Args:
         views: a camera, the depths [H, W] along its axis, of any size, 0 where nothing is known, and the sRGB of its
@@ -26,9 +29,12 @@ def depth_points(
         n_views: how many there are.
         seed: of the choice of pixels.
     """
-    points, colors = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    points, colors, judges = [np.zeros((0, 3))], [np.zeros((0, 3))], []
     rng = np.random.default_rng(seed)
-    for camera, depth, image in views:
+    for number, (camera, depth, image) in enumerate(views):
+        if number % -(-n_views // JUDGES) == 0:
+            coarser = -(-max(depth.shape) // ENOUGH)
+            judges.append((camera, depth[coarser // 2 :: coarser, coarser // 2 :: coarser]))
         rows, columns = np.nonzero(steady(depth))
         taken = rng.permutation(len(rows))[: TAKEN * MOST // n_views]
         rows, columns = rows[taken], columns[taken]
@@ -37,7 +43,9 @@ def depth_points(
         points.append(camera.unproject(places * (camera.width, camera.height), depth[rows, columns]))
         x, y = (places * (image.shape[1], image.shape[0])).astype(np.intp).T
         colors.append(image[y, x, :3])
-    found = thinned(np.concatenate(points), np.concatenate(colors), MOST)
+    places, kept_colors = np.concatenate(points), np.concatenate(colors)
+    kept = ~seen_through(places, judges)
+    found = thinned(places[kept], kept_colors[kept], MOST)
     return found[0].astype(np.float32), found[1].astype(np.float32)
 
 
@@ -53,6 +61,30 @@ def steady(depth: np.ndarray) -> np.ndarray:
         before[axis], after[axis] = (0, 1), (1, 0)
         kept &= ~(np.pad(jump, before) | np.pad(jump, after))
     return kept
+
+
+def seen_through(points: np.ndarray, judges: Sequence[tuple[Camera, np.ndarray]]) -> np.ndarray:
+    """Which points [P, 3] are where more of the maps see something behind them than see just them: depth maps of
+    cameras, of any size, 0 where they know nothing. What lies behind something is not seen, and no map denies it."""
+    votes = np.zeros(len(points), int)
+    for camera, depth in judges:
+        pixels, z = camera.project(points)
+        with np.errstate(invalid="ignore", over="ignore"):
+            places = pixels / (camera.width, camera.height)  # [P, 2] in shares of the image
+            inside = np.flatnonzero((z > 0) & ((places >= 0) & (places < 1)).all(axis=1))
+        x, y = (places[inside] * (depth.shape[1], depth.shape[0])).astype(np.intp).T
+        known = depth[y, x] > 0
+        inside, ratio = inside[known], z[inside[known]] / depth[y, x][known]
+        votes[inside] += np.where(ratio < 1 - STEADY, -1, ratio <= 1 + STEADY)
+    return votes < 0
+
+
+def far_from(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Which points [P, 3] are farther from each of the others [Q, 3] than from one another, by the median."""
+    if len(points) < 2 or not len(others):
+        return np.ones(len(points), bool)
+    spacing = np.median(cKDTree(points).query(points, k=2)[0][:, 1])
+    return cKDTree(others).query(points)[0] > spacing
 
 
 def thinned(points: np.ndarray, colors: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:

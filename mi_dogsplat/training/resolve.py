@@ -8,7 +8,7 @@ import numpy as np
 
 from ..datasets import Dataset
 from ..datasets.dataset import camera_extent
-from ..datasets.depth_points import depth_points
+from ..datasets.depth_points import depth_points, far_from
 from ..datasets.depths import Depths
 from ..formats.model import Model
 from ..scene.drawing import DrawnAs
@@ -72,9 +72,8 @@ def start_of(
 
 
 def with_points(config: TrainConfig, dataset: Dataset) -> Dataset:
-    """The data set with the points of its depth maps, where these are given and it has no points itself. Raises
-    ``DataError``."""
-    if len(dataset.points) or config.depths is None or config.model is not None:
+    """The data set with the points of its depth maps beside its own, where these are given. Raises ``DataError``."""
+    if config.depths is None or config.model is not None:
         return dataset
     depths = Depths(config.depths, dataset)
     found = ((view, depths.of(view)) for view in dataset.train)
@@ -84,7 +83,9 @@ def with_points(config: TrainConfig, dataset: Dataset) -> Dataset:
         if depth is not None
     )
     points, colors = depth_points(views, len(dataset.train), config.seed)
-    return replace(dataset, points=points, point_colors=colors)
+    new = far_from(points, dataset.points)
+    both = np.concatenate([dataset.points, points[new]]), np.concatenate([dataset.point_colors, colors[new]])
+    return replace(dataset, points=both[0], point_colors=both[1])
 
 
 def exposed(config: TrainConfig, dataset: Dataset) -> Dataset:

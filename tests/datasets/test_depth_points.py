@@ -5,8 +5,8 @@ from collections import defaultdict
 import numpy as np
 import pytest
 from mi_dogsplat.datasets import depth_points as module
-from mi_dogsplat.datasets.depth_points import depth_points, steady, thinned
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.datasets.depth_points import depth_points, far_from, seen_through, steady, thinned
+from mi_dogsplat.scene.cameras import Camera, affine
 
 W2C = np.array([[0, -1, 0, 0.3], [1, 0, 0, -0.2], [0, 0, 1, 0.5], [0, 0, 0, 1.0]])
 CAMERA = Camera(W2C, 40, 50, 17, 11, 32, 24)
@@ -64,6 +64,35 @@ def test_thinned_points_are_the_means_of_cells_and_no_more_than_asked_for():
         if np.allclose(means, sorted(map(tuple, np.concatenate([found, of_cells], axis=1))), atol=1e-9):
             return
     pytest.fail("no grid has these means")
+
+
+def test_points_that_other_views_see_through_are_left_out():
+    """Three cameras before a wall; the map of the first has something in front of it that is not there."""
+    cameras = [Camera(affine(np.eye(3), (-x, 0, 0)), 40, 40, 16, 12, 32, 24) for x in (0, 0.5, 1)]
+    wall = np.full((24, 32), 3.0)
+    wrong = wall.copy()
+    wrong[8:12, 20:26] = 2
+    image = np.zeros((24, 32, 3))
+    points, _ = depth_points(zip(cameras, (wrong, wall, wall), 3 * [image], strict=True), 3)
+    np.testing.assert_allclose(points[:, 2], 3)
+    alone, _ = depth_points([(cameras[0], wrong, image)], 1)
+    assert (alone[:, 2] == 2).any()  # nobody denies it
+    behind = np.array([[0.0, 0, 5]])
+    assert not seen_through(behind, [(camera, wall) for camera in cameras])
+    beside = np.array([[0.0, 0, -1], [9, 0, 1], [0, 0, 1]])
+    np.testing.assert_array_equal(seen_through(beside, [(cameras[0], wall)]), [False, False, True])
+    assert not seen_through(beside, [(cameras[0], 0 * wall)]).any()
+
+
+def test_points_beside_others_are_not_far_from_them():
+    points = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0), [0]), axis=-1).reshape(-1, 3)
+    others = np.array([[0.2, 0.1, 0], [3, 3, 0.9], [50, 50, 50]])
+    near = {(0, 0, 0), (1, 0, 0), (0, 1, 0), (3, 3, 0)}
+    expected = [tuple(point) not in near for point in points]
+    expected = [e or np.linalg.norm(others - p, axis=1).min() > 1 for e, p in zip(expected, points, strict=True)]
+    np.testing.assert_array_equal(far_from(points, others), expected)
+    assert far_from(points, np.zeros((0, 3))).all() and far_from(points[:1], others).all()
+    assert not far_from(points, points).any()
 
 
 @pytest.mark.parametrize("spread", [0, 1e-9, 1e9])

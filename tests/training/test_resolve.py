@@ -70,10 +70,20 @@ def test_without_points_a_training_starts_at_the_depth_maps(tmp_path, white):
     np.testing.assert_allclose(start_of(config, data).splats.means, found.points, rtol=1e-6)
 
 
-def test_points_that_there_are_stay_and_so_does_a_model_or_a_random_start(tmp_path):
+def test_points_that_there_are_stay_and_depth_maps_add_others(tmp_path):
     data = two_views(tmp_path)
     config = TrainConfig(str(tmp_path), depths=str(tmp_path), preset="3dgs")
-    known = dataclasses.replace(data, points=np.zeros((3, 3), np.float32), point_colors=np.zeros((3, 3), np.float32))
-    assert with_points(config, known) is known
-    pruned = TrainConfig(str(tmp_path), depths=str(tmp_path), model="model.ply")
-    assert with_points(pruned, data) is with_points(dataclasses.replace(config, depths=None), data) is data
+    own, red = np.array([[0, 0, 3], [9, 9, 9]], np.float32), np.array([[1, 0, 0]] * 2, np.float32)
+    found = with_points(config, dataclasses.replace(data, points=own, point_colors=red))
+    np.testing.assert_array_equal(found.points[:2], own)
+    np.testing.assert_array_equal(found.point_colors[:2], red)
+    spacing = 3 / 30
+    assert 470 < len(found.points) < 482 and np.linalg.norm(found.points[2:] - own[0], axis=1).min() > 0.99 * spacing
+    again = with_points(config, found)
+    np.testing.assert_array_equal(again.points, found.points)
+
+
+def test_a_model_and_a_training_without_depth_maps_start_as_they_do(tmp_path):
+    data = two_views(tmp_path)
+    for config in TrainConfig(str(tmp_path)), TrainConfig(str(tmp_path), depths=str(tmp_path), model="model.ply"):
+        assert with_points(config, data) is data
