@@ -147,7 +147,7 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
     add("checkpoint_array", "step.npy", array_seeds(), _read_as_member)
     add("image", "photo.png", image_seeds(), lambda path: (image_size(path), read_image(path)))
     for ending, seed in depth_seeds().items():
-        add(f"depth_{ending}", f"depth.{ending}", [seed], read_depth)
+        add(f"depth_{ending}", f"depth.{ending}", [seed], lambda path: read_depth(path, coarse=True))
     if importlib.util.find_spec("pillow_heif"):
         add("heic", "photo.heic", heif_seeds(root), lambda path: (image_size(path), read_image(path)))
     if importlib.util.find_spec("rawpy"):

@@ -38,6 +38,7 @@ class KnownDepths:
 
     def __init__(self, depths: Depths, photographs: Photographs):
         self._depths, self._photographs = depths, photographs
+        self.notes = depths.notes()
         self._factor, self._held = photographs.factor, {}
         if not photographs.on_disk:
             for view in range(len(photographs)):
