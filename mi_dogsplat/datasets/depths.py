@@ -25,7 +25,9 @@ LEAST_POINTS = 20  # of a view, by which its map can be scaled
 WORST_FIT = 0.2  # median relative error at the points: the map of a view says something else
 ASKED = 8  # views whose points are asked for the unit
 AS_IT_IS = Fit(1.0, 0.0, inverse=False)
-ANOTHER_UNIT = 3.0  # times as far as a map says, or as near, half of the points are not: some are hidden in the view
+NEARER, FARTHER = 0.8, 3.0
+"""Times as far as a map says half of the points in a view are, if the unit is the same. Some are hidden there, which
+makes that more. What could make it less is a map that is too far as a whole."""
 
 
 class Depths:
@@ -130,17 +132,25 @@ class Depths:
         return _samples(values[_nearest(values, view)], seen.pixels, z)
 
     def _require_unit(self) -> None:
-        """Raise ``DataError`` if the maps of some views say that the points in them are somewhere else altogether."""
+        """Raise ``DataError`` if the maps of some views say that the points in them are somewhere else altogether, or
+        that the farther of them are nearer."""
         mapped = self._mapped()
-        found = []
+        found: list[Samples] = []
         for view in mapped[:: max(1, len(mapped) // ASKED)]:
             pixels, z = view.camera.project(self._dataset.points)
             inside = (z > 0) & ((pixels >= 0) & (pixels < (view.camera.width, view.camera.height))).all(axis=1)
             depth = self.of(view)
             samples = None if depth is None else _samples(depth, pixels[inside], z[inside])
             if samples is not None and len(samples.z) >= LEAST_POINTS:
-                found.append(fitted(samples, inverse=False).scale)
-        if found and not 1 / ANOTHER_UNIT < (factor := float(np.median(found))) < ANOTHER_UNIT:
+                found.append(samples)
+        if not found:
+            return
+        if (correlation := depth_correlation(found)) < -UNCLEAR:
+            said = f"its values have a rank correlation of {correlation:.2f} with the depths of the points"
+            remedy = "convert it to depth, or give a COLMAP model that says which points each view sees"
+            raise DataError(self.folder, f"seems to hold inverse depth: {said}", remedy)
+        factor = float(np.median([fitted(samples, inverse=False).scale for samples in found]))
+        if not NEARER <= factor <= FARTHER:
             problem = f"holds depths in another unit than the poses: points are about {factor:.3g} times as far away"
             raise DataError(self.folder, problem, "multiply the depths, or divide the poses and points, by that")
 

@@ -259,21 +259,49 @@ def test_maps_of_which_none_can_be_scaled_are_refused(tmp_path):
         Depths(tmp_path, data)
 
 
-@pytest.mark.parametrize(("factor", "refused"), [(1, False), (1000, True), (0.1, True)])
+def in_a_view(view: View, depth: np.ndarray, times: np.ndarray | float) -> np.ndarray:
+    """[P, 3] where every seventh pixel of a view sees something, so many ``times`` [P] as far away."""
+    rows, columns = np.divmod(np.arange(0, depth.size, 7), view.camera.width)
+    return view.camera.unproject(np.column_stack([columns, rows]) + 0.5, times * depth[rows, columns])
+
+
+FEET = 0.3048
+
+
+@pytest.mark.parametrize(
+    ("factor", "refused"), [(1, False), (1000, True), (0.1, True), (FEET, True), (0.75, True), (0.85, False)]
+)
 def test_maps_in_another_unit_than_the_poses_are_refused_where_nothing_scales_them(tmp_path, factor, refused):
     view = view_of(40, 30)
     depth = np.random.default_rng(0).uniform(1, 2, (30, 40))
-    rows, columns = np.divmod(np.arange(0, 1200, 7), 40)
-    places = view.camera.unproject(np.column_stack([columns, rows]) + 0.5, depth[rows, columns])
     behind = [[0, 0, -1], [0, 0, 0]]  # and points that the view does not see
     np.save(tmp_path / "a.npy", depth / factor)
-    data = data_of(view, points=[*places, *behind])
+    data = data_of(view, points=[*in_a_view(view, depth, 1.0), *behind])
     if not refused:
         assert Depths(tmp_path, data).of(view) is not None
         return
     said = f"in another unit than the poses: points are about {factor:.3g} times as far away"
     with pytest.raises(DataError, match=re.escape(said)):
         Depths(tmp_path, data)
+
+
+def test_points_that_are_hidden_tell_no_other_unit(tmp_path):
+    """They are farther than the map says, and never nearer: so less than 1 needs no more room than a map's error."""
+    view, rng = view_of(40, 30), np.random.default_rng(0)
+    depth = rng.uniform(1, 2, (30, 40))
+    hidden = np.where(rng.random(172) < 0.7, rng.uniform(1, 4, 172), 1) * np.exp(rng.normal(0, 0.1, 172))
+    data = data_of(view, points=in_a_view(view, depth, hidden))
+    for too_far in (1, 1.2):
+        np.save(tmp_path / "a.npy", too_far * depth)
+        assert Depths(tmp_path, data).of(view) is not None
+
+
+def test_inverse_depth_is_refused_where_nobody_knows_what_a_view_sees(tmp_path):
+    view = view_of(40, 30)
+    depth = np.random.default_rng(0).uniform(1, 2, (30, 40))
+    np.save(tmp_path / "a.npy", 2 / depth)  # 2 at 1, 1 at 2: in the mean the unit would be right
+    with pytest.raises(DataError, match=r"seems to hold inverse depth: .* of -1\.00 .*; convert it to depth, or"):
+        Depths(tmp_path, data_of(view, points=in_a_view(view, depth, 1.0)))
 
 
 def test_folders_without_maps_and_maps_that_know_nothing_are_refused(tmp_path):
