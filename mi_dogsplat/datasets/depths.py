@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -72,17 +73,24 @@ class Depths:
         """A line on what the maps hold, and one on those that are not used; none where nothing is scaled."""
         if not self._fits:
             return []
-        fits = list(self._fits.values())
-        kind = "inverse depth" if fits[0].inverse else "depth"
-        error = float(np.median([fit.error for fit in fits]))
-        views, so = counted(len(fits), "view"), f"the median error at these is {100 * error:.1f} %"
-        lines = [f"{self.folder}: the maps hold {kind}, by the sparse points of {views}; {so}"]
+        used, known = len(self._fits), self.summary()
+        kind = "inverse depth" if known["inverse"] else "depth"
+        so = f"the median error at these is {100 * known['error']:.1f} %"
+        lines = [f"{self.folder}: the maps hold {kind}, by the sparse points of {counted(used, 'view')}; {so}"]
         if left := self._too_few + self._contradicted:
             few = f"{len(self._too_few)} with fewer than {LEAST_POINTS} sparse points"
             bad = f"{len(self._contradicted)} off by more than {100 * WORST_FIT:.0f} % at half of them"
-            said = f"{self.folder}: {len(left)} of {len(left) + len(fits)} depth maps are not used, such as that of"
+            said = f"{self.folder}: {len(left)} of {len(left) + used} depth maps are not used, such as that of"
             lines.append(f"{said} {min(left)} ({few}, {bad}); these views are learned from their colours alone")
         return lines
+
+    def summary(self) -> dict[str, Any]:
+        """Of how many training ``views`` maps are ``used``, whether these hold ``inverse`` depth, and their median
+        relative ``error`` at the sparse points; that is None where nothing is scaled."""
+        fits = list(self._fits.values())
+        error = float(np.median([fit.error for fit in fits])) if fits else None
+        used, inverse = len(fits or self._mapped()), any(fit.inverse for fit in fits)
+        return {"views": len(self._dataset.train), "used": used, "inverse": inverse, "error": error}
 
     def _mapped(self) -> list[View]:
         """The training views that have maps."""
