@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..datasets import load_dataset
+from ..datasets.depths import Depths
 from ..datasets.masks import Masks, all_black
 from ..support.cores import usable_cores
 from ..support.errors import DataError, making
@@ -80,12 +81,13 @@ def compare(
         if not (out / COMPARISON).exists():
             write_json(out / COMPARISON, {})  # by which the folder is known
         # whole paths: another call, and a worker of a cluster, may have another working folder
-        masks = None if config.masks is None else str(Path(config.masks).resolve())
+        beside = {name: getattr(config, name) for name in ("masks", "depths")}
+        whole = {name: None if path is None else str(Path(path).resolve()) for name, path in beside.items()}
         for folder, path, names in zip(folders, data, views, strict=True):
-            claim(folder, replace(config, data=str(Path(path).resolve()), masks=masks))
+            claim(folder, replace(config, data=str(Path(path).resolve()), **whole))
             claim_views(folder, names)
-        whole = [int(seed) for seed in seeds]  # those of NumPy are in no JSON
-        tasks = [task for task in all_tasks(folders, whole, methods, targets) if not task.done]
+        numbers_of_seeds = [int(seed) for seed in seeds]  # those of NumPy are in no JSON
+        tasks = [task for task in all_tasks(folders, numbers_of_seeds, methods, targets) if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed, masks_of)
         threads = max(1, usable_cores() // workers) if workers and not cluster else 0
@@ -107,9 +109,11 @@ def _views_of(path: str, config: TrainConfig) -> tuple[dict[str, list[str]], Mas
     if not dataset.test:
         raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
     names = {part: [view.name for view in getattr(dataset, part)] for part in ("train", "test")}
+    if config.depths:
+        Depths(config.depths, dataset)  # as trainings ask: each of them would say what is wrong
     if not config.masks:
         return names, None
-    masks = Masks(config.masks, dataset.train)  # as trainings ask: each of them would say what is wrong with it
+    masks = Masks(config.masks, dataset.train)  # likewise
     if all(mask is not None and not mask.any() for mask in map(masks.of, dataset.test)):
         raise all_black(config.masks, "view that is measured")
     known = {view.name: replace(view, stored=np.zeros(0)) for view in dataset.test}  # without their images

@@ -2,6 +2,7 @@
 
 - **PNG and TIFF** of 16 or 32 bits hold millimetres, as those of phones, Polycam and Record3D do; TIFF of floats holds
   depths as they are.
+- Maps of inverse depth may have 8 bits, as networks write them, also in three equal channels.
 - **OpenEXR** holds them in a channel ``depth.Z``, ``Z``, ``depth`` or ``Y``, or in its only one; **NumPy** in an array.
 """
 
@@ -22,15 +23,15 @@ CHANNELS = ("depth.Z", "Z", "depth", "Y")  # of OpenEXR, the likelier first
 REMEDY = "write it as PNG of 16 bits in millimetres, or as .npy or .exr"
 
 
-def read_depth(path: Path) -> np.ndarray:
+def read_depth(path: Path, coarse: bool = False) -> np.ndarray:
     """Depth float32 [H, W] of a file: metres of whole numbers, which are millimetres, else as it is; 0 where it is not
-    a finite number above 0. Raises ``DataError``."""
+    a finite number above 0. ``coarse``: also of grey pictures of 8 bits. Raises ``DataError``."""
     if is_exr(path):
         depth = _of_exr(path)
     elif path.suffix.lower() == ".npy":
         depth = _of_array(path, _loaded(path))
     else:
-        depth = _of_image(path)
+        depth = _of_image(path, coarse)
     return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
 
 
@@ -62,13 +63,16 @@ def _of_array(path: Path, array: np.ndarray) -> np.ndarray:
     return depth if plane.dtype.kind == "f" else depth * MILLIMETRE
 
 
-def _of_image(path: Path) -> np.ndarray:
+def _of_image(path: Path, coarse: bool) -> np.ndarray:
     try:
         with open_image(path) as image:
-            pixels = np.asarray(stored(image))
+            picture = stored(image)
+            pixels = np.asarray(picture.convert("RGB") if picture.mode == "P" else picture)  # a palette's are no depths
     except UNREADABLE as error:
         raise DataError(path, f"cannot be read as an image ({error})", "replace the file") from None
-    if pixels.ndim != 2 or pixels.dtype.itemsize < 2:
+    if coarse and pixels.ndim == 3 and (pixels[..., :3] == pixels[..., :1]).all():
+        pixels = pixels[..., 0]
+    if pixels.ndim != 2 or (pixels.dtype.itemsize < 2 and not coarse):
         kind = "8 bits" if pixels.ndim == 2 else f"{pixels.shape[2]} channels"
         raise DataError(path, f"has {kind}, and depth needs one channel of 16 bits", REMEDY)
     return _of_array(path, pixels)

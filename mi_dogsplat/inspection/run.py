@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from ..report.depth_maps import told_of_depth_maps
 from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, Run, read_run
 from ..scene.drawing import DrawnAs, told
 from ..scene.kinds import COUNTED, kinds
@@ -39,6 +40,8 @@ def describe_run(path: Path) -> list[str]:
         lines.append(line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))
         splits = {"test": run.measured, "train": "train"}  # by their names in the file: what they are
         lines += [line(views, _quality(metrics[name])) for name, views in splits.items() if metrics.get(name)]
+    if maps := told_of_depth_maps(metrics):
+        lines.append(line("depth maps", maps))
     if settings := _settings(run):
         lines.append(line("settings", ", ".join(settings)))
     problems = [f"{name} is missing" for name in (*RUN_FILES, MODEL) if not (path / name).is_file()]

@@ -45,7 +45,7 @@ LARGEST = 1e30  # what a run measures is far below
 # Parts of the files that others rely on: objects with their own parts, under given names or any, and lists of numbers.
 ANY, NUMBERS = "*", ("numbers",)
 METRICS_PARTS: dict[str, Any] = {
-    **{name: {} for name in ("test", "train", "versions", "masked")},
+    **{name: {} for name in ("test", "train", "versions", "masked", "depths")},
     **{name: {ANY: {}} for name in ("views", "poses")},
 }
 SIDE: dict[str, Any] = {"error": NUMBERS, "metrics": {}}

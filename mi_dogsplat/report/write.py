@@ -16,6 +16,7 @@ from ..support.files import replacing
 from ..support.wording import count, file_size, finite, fixed
 from .appearance import appearance_plots, corner_losses
 from .curves import curves
+from .depth_maps import told_of_depth_maps
 from .masked import masked
 from .misfits import misfits
 from .mixture import mixture
@@ -64,6 +65,7 @@ def report_page(run: Run) -> str:
         refinements=refinements(run),
         misfits=misfits(run),
         masked=masked(run),
+        depth_maps=told_of_depth_maps(metrics),
         mixture=mixture(run),
         appearance=appearance_plots(run.appearance),
         corners=corner_losses(run.appearance),

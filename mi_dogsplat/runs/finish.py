@@ -45,6 +45,8 @@ def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         of_views["poses"] = moved_views(trainer)
     if masks := photographs.mask_folder:
         of_views["masked"] = write_masked(out, photographs.originals, masks, trainer.background)
+    if trainer.depths:
+        of_views["depths"] = trainer.depths.maps.summary()
     metrics = measured(trainer, dataset, out) | {
         **of_views,
         "n": splats.n_splats,

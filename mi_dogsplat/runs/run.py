@@ -127,6 +127,7 @@ def train(
     with undisguised(progress) as told, _begun(trainer, out, resume, method):
         notes = without_mask(config.masks, (view.name for view in dataset.views))
         notes += without_depth(config.depths, (view.name for view in dataset.train))
+        notes += trainer.depths.maps.notes() if trainer.depths else []
         told({"step": trainer.step_count, "n": trainer.optimizer.n, "notes": notes})
         _train(trainer, out, told)
         told({"step": trainer.step_count, "n": trainer.optimizer.n, "measured": len(trainer.dataset.test)})

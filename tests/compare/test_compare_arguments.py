@@ -1,5 +1,6 @@
 """What a comparison is called with: refusals before anything is trained, relative paths, masks."""
 
+import argparse
 import json
 import os
 import shutil
@@ -7,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mi_dogsplat.cli.commands import ablate as ablate_command
+from mi_dogsplat.cli.commands import compare as compare_command
 from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.support.errors import DataError
@@ -37,6 +40,7 @@ from tiny_data import HEIGHT, WIDTH
         ({"targets": [-1]}, "--more-targets: -1 is not a target"),
         ({"config": TrainConfig("", **SETTINGS, masks="nowhere")}, "nowhere: no such folder"),
         ({"config": TrainConfig("", **SETTINGS, masks=str(Path(__file__).parent))}, "has no mask for any"),
+        ({"config": TrainConfig("", **SETTINGS, depths=str(Path(__file__).parent))}, "has no depth map for any"),
     ],
 )
 def test_bad_arguments_are_one_line_and_make_no_folder(data, tmp_path, arguments, message):
@@ -46,16 +50,27 @@ def test_bad_arguments_are_one_line_and_make_no_folder(data, tmp_path, arguments
     assert not (tmp_path / "out").exists()
 
 
-def test_data_and_masks_are_the_same_from_another_working_folder(data, tmp_path, monkeypatch):
+def test_data_masks_and_depths_are_the_same_from_another_working_folder(data, tmp_path, monkeypatch):
     shutil.copytree(data / "images", tmp_path / "masks")
+    (tmp_path / "depths").mkdir()
+    np.save(tmp_path / "depths" / f"{load_dataset(data).train[0].name}.npy", np.full((HEIGHT, WIDTH), 3.0))
     out = tmp_path / "out"
     monkeypatch.setattr("mi_dogsplat.compare.compare.all_tasks", lambda *_: [])
     for above in ("", "../"):
         monkeypatch.chdir(tmp_path / "masks" if above else tmp_path)
-        config = TrainConfig("", **SETTINGS, masks=f"{above}masks")
+        config = TrainConfig("", **SETTINGS, masks=f"{above}masks", depths=f"{above}depths")
         compare(config, [os.path.relpath(data)], out, [0], ["3dgs"])
     settings = json.loads((out / "tiny" / "config.json").read_text())
-    assert (settings["data"], settings["masks"]) == (str(data.resolve()), str((tmp_path / "masks").resolve()))
+    expected = {"data": data, "masks": tmp_path / "masks", "depths": tmp_path / "depths"}
+    assert {name: settings[name] for name in expected} == {name: str(at.resolve()) for name, at in expected.items()}
+
+
+@pytest.mark.parametrize("command", [compare_command, ablate_command])
+def test_the_commands_take_masks_and_depth_maps(command):
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    given = parser.parse_args(["photos", "-o", "out", "--masks", "white", "--depths", "near"])
+    assert (given.masks, given.depths) == ("white", "near")
 
 
 def test_the_page_gets_the_masks_of_the_views_that_are_measured(data, tmp_path, monkeypatch):

@@ -158,6 +158,99 @@ def test_maps_are_scaled_to_the_sparse_points_that_the_views_see(tmp_path):
     np.testing.assert_allclose(np.asarray(depths.of(half)), 3.7 * depth[1::2, 1::2], rtol=1e-5)
 
 
+def room(n_views: int, n_points: int) -> tuple[Dataset, list[np.ndarray]]:
+    """Views that see points of a slanted wall, a tenth of which are wrong, and the true depths of these views."""
+    rng, (width, height) = np.random.default_rng(0), (40, 30)
+    views = [view_of(width, height, name) for name in "abcdefgh"[:n_views]]
+    depths, points, seen = [], [], {}
+    for k, view in enumerate(views):
+        column, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+        depth = 2 + 0.05 * column + 0.02 * (k + 1) * row
+        pixels = np.column_stack([rng.integers(0, width, n_points), rng.integers(0, height, n_points)]) + 0.5
+        z = depth[pixels[:, 1].astype(int), pixels[:, 0].astype(int)]
+        z[: n_points // 10] *= rng.uniform(2, 9, n_points // 10)
+        seen[view.name] = Observations(pixels, k * n_points + np.arange(n_points))
+        points.extend(view.camera.unproject(pixels, z))
+        depths.append(depth)
+    return data_of(*views, observations=seen, points=points), depths
+
+
+def write_inverse(path: Path, depth: np.ndarray, offset: float, bits: int) -> None:
+    """Relative inverse depth as networks give it: from 0, where it is farthest, to 1."""
+    inverse = 1 / depth + offset
+    whole = np.rint((inverse - inverse.min()) / np.ptp(inverse) * (2**bits - 1)).astype(f"uint{bits}")
+    if path.suffix == ".npy":
+        np.save(path, inverse)
+    elif path.stem == "b":  # as Depth Anything writes grey
+        Image.fromarray(np.repeat(whole[..., None], 3, axis=2)).save(path)
+    else:
+        Image.fromarray(whole).save(path)
+
+
+@pytest.mark.parametrize(("kind", "tolerance"), [("8.png", 0.03), ("16.png", 1e-3), ("16.npy", 1e-3)])
+def test_relative_inverse_depth_of_networks_becomes_depth_by_the_points(tmp_path, kind, tolerance):
+    data, truth = room(3, 60)
+    bits, ending = kind.split(".")
+    for k, (view, depth) in enumerate(zip(data.train, truth, strict=True)):
+        stem = f"{view.name}.{ending}"
+        write_inverse(tmp_path / (stem if bits == "8" or k != 1 else f"b.jpg.{ending}"), depth, 0.3 * k, int(bits))
+    depths = Depths(tmp_path, data)
+    for view, depth in zip(data.train, truth, strict=True):
+        found = np.asarray(depths.of(view))
+        known = found > 0
+        assert found.dtype == np.float32 and known.mean() > 0.99  # the farthest pixel is 0 in whole numbers
+        np.testing.assert_allclose(found[known], depth[known], rtol=tolerance)
+    (line,) = depths.notes()
+    said = f"{tmp_path}: the maps hold inverse depth, by the sparse points of 3 views; the median error at these is"
+    assert re.fullmatch(rf"{re.escape(said)} 0\.\d %", line)
+
+
+def test_views_whose_maps_cannot_be_scaled_or_fit_nothing_are_named_in_a_line(tmp_path):
+    data, truth = room(4, 60)
+    rng = np.random.default_rng(1)
+    for view, depth in zip(data.train, truth, strict=True):
+        np.save(tmp_path / f"{view.name}.npy", depth / 2 if view.name != "c" else rng.uniform(0.1, 9, depth.shape))
+    seen = data.observations["d"]
+    data.observations["d"] = Observations(seen.pixels[: LEAST_POINTS - 1], seen.points[: LEAST_POINTS - 1])
+    depths = Depths(tmp_path, data)
+    assert [depths.of(view) is not None for view in data.train] == [True, True, False, False]
+    assert depths.notes() == [
+        f"{tmp_path}: the maps hold depth, by the sparse points of 2 views; the median error at these is 0.0 %",
+        f"{tmp_path}: 2 of 4 depth maps are not used, such as that of c (1 with fewer than 20 sparse points, 1 off by "
+        "more than 20 % at half of them); these views are learned from their colours alone",
+    ]
+
+
+def test_maps_that_may_be_either_or_that_fit_no_view_are_refused(tmp_path):
+    data, truth = room(2, 200)
+    rng = np.random.default_rng(1)
+    for view in data.train:
+        np.save(tmp_path / f"{view.name}.npy", rng.uniform(1, 2, truth[0].shape))
+    with pytest.raises(DataError, match="holds neither depth nor inverse depth: its values have a rank corr"):
+        Depths(tmp_path, data)
+    for view, depth in zip(data.train, truth, strict=True):
+        np.save(tmp_path / f"{view.name}.npy", np.exp(3 * depth))
+    said = r"cannot be scaled: each map is off by more than 20 % at half of its points; check that these are the depth"
+    with pytest.raises(DataError, match=said):
+        Depths(tmp_path, data)
+
+
+def test_eight_bits_are_refused_where_they_hold_depth_or_colours(tmp_path):
+    data, truth = room(1, 60)
+    whole = np.rint(255 * truth[0] / truth[0].max()).astype(np.uint8)
+    Image.fromarray(whole).save(tmp_path / "a.png")
+    with pytest.raises(DataError, match=r"a\.png: has 8 bits, and depth needs one channel of 16 bits"):
+        Depths(tmp_path, data).of(data.train[0])
+    Image.fromarray(np.stack([whole, 255 - whole, whole], axis=2)).save(tmp_path / "a.png")
+    with pytest.raises(DataError, match=r"a\.png: has 3 channels, and depth needs one channel of 16 bits"):
+        Depths(tmp_path, data)
+    picture = Image.fromarray(255 - whole)
+    picture.putpalette(np.random.default_rng(0).integers(0, 256, 768).tolist())
+    picture.save(tmp_path / "a.png")
+    with pytest.raises(DataError, match=r"a\.png: has 3 channels, and depth needs one channel of 16 bits"):
+        Depths(tmp_path, data)
+
+
 def test_maps_of_which_none_can_be_scaled_are_refused(tmp_path):
     np.save(tmp_path / "a.npy", np.ones((4, 4)))
     few = Observations(np.ones((LEAST_POINTS - 1, 2)), np.zeros(LEAST_POINTS - 1, int))
@@ -166,21 +259,49 @@ def test_maps_of_which_none_can_be_scaled_are_refused(tmp_path):
         Depths(tmp_path, data)
 
 
-@pytest.mark.parametrize(("factor", "refused"), [(1, False), (1000, True), (0.1, True)])
+def in_a_view(view: View, depth: np.ndarray, times: np.ndarray | float) -> np.ndarray:
+    """[P, 3] where every seventh pixel of a view sees something, so many ``times`` [P] as far away."""
+    rows, columns = np.divmod(np.arange(0, depth.size, 7), view.camera.width)
+    return view.camera.unproject(np.column_stack([columns, rows]) + 0.5, times * depth[rows, columns])
+
+
+FEET = 0.3048
+
+
+@pytest.mark.parametrize(
+    ("factor", "refused"), [(1, False), (1000, True), (0.1, True), (FEET, True), (0.75, True), (0.85, False)]
+)
 def test_maps_in_another_unit_than_the_poses_are_refused_where_nothing_scales_them(tmp_path, factor, refused):
     view = view_of(40, 30)
     depth = np.random.default_rng(0).uniform(1, 2, (30, 40))
-    rows, columns = np.divmod(np.arange(0, 1200, 7), 40)
-    places = view.camera.unproject(np.column_stack([columns, rows]) + 0.5, depth[rows, columns])
     behind = [[0, 0, -1], [0, 0, 0]]  # and points that the view does not see
     np.save(tmp_path / "a.npy", depth / factor)
-    data = data_of(view, points=[*places, *behind])
+    data = data_of(view, points=[*in_a_view(view, depth, 1.0), *behind])
     if not refused:
         assert Depths(tmp_path, data).of(view) is not None
         return
     said = f"in another unit than the poses: points are about {factor:.3g} times as far away"
     with pytest.raises(DataError, match=re.escape(said)):
         Depths(tmp_path, data)
+
+
+def test_points_that_are_hidden_tell_no_other_unit(tmp_path):
+    """They are farther than the map says, and never nearer: so less than 1 needs no more room than a map's error."""
+    view, rng = view_of(40, 30), np.random.default_rng(0)
+    depth = rng.uniform(1, 2, (30, 40))
+    hidden = np.where(rng.random(172) < 0.7, rng.uniform(1, 4, 172), 1) * np.exp(rng.normal(0, 0.1, 172))
+    data = data_of(view, points=in_a_view(view, depth, hidden))
+    for too_far in (1, 1.2):
+        np.save(tmp_path / "a.npy", too_far * depth)
+        assert Depths(tmp_path, data).of(view) is not None
+
+
+def test_inverse_depth_is_refused_where_nobody_knows_what_a_view_sees(tmp_path):
+    view = view_of(40, 30)
+    depth = np.random.default_rng(0).uniform(1, 2, (30, 40))
+    np.save(tmp_path / "a.npy", 2 / depth)  # 2 at 1, 1 at 2: in the mean the unit would be right
+    with pytest.raises(DataError, match=r"seems to hold inverse depth: .* of -1\.00 .*; convert it to depth, or"):
+        Depths(tmp_path, data_of(view, points=in_a_view(view, depth, 1.0)))
 
 
 def test_folders_without_maps_and_maps_that_know_nothing_are_refused(tmp_path):

@@ -150,7 +150,7 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
     add("checkpoint_array", "step.npy", array_seeds(), _read_as_member)
     add("image", "photo.png", image_seeds(), lambda path: (image_size(path), read_image(path)))
     for ending, seed in depth_seeds().items():
-        add(f"depth_{ending}", f"depth.{ending}", [seed], read_depth)
+        add(f"depth_{ending}", f"depth.{ending}", [seed], lambda path: read_depth(path, coarse=True))
     for name, (folder, file) in scan_folders(root).items():
         seeds = [(folder / file).read_bytes()]
         targets[f"scan_{name}"] = Target(file, seeds, partial(_read_scan, folder), folder)

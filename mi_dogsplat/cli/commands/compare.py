@@ -49,7 +49,7 @@ WORLD_SCALE = (
 TRAINING_FLAGS = [
     *("steps", "downscale", "max_primitives", "max_world_scale", "split", "sh_degree"),
     *("background", "antialiased", "near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory"),
-    *("preconditioned", "checkpoint_seconds"),
+    *("masks", "depths", "preconditioned", "checkpoint_seconds"),
 ]
 
 
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     from ...compare.compare import compare as run_comparison
 
     for data in args.data:
-        say_what_is_not_read(data)
+        say_what_is_not_read(data, config.masks, config.depths)
     with resumable():
         table = run_comparison(
             config, args.data, args.out, args.seeds, methods, cluster=args.cluster, workers=args.workers,

@@ -37,7 +37,7 @@ class KnownDepths:
     """
 
     def __init__(self, depths: Depths, photographs: Photographs):
-        self._depths, self._photographs = depths, photographs
+        self.maps, self._photographs = depths, photographs
         self._factor, self._held = photographs.factor, {}
         if not photographs.on_disk:
             for view in range(len(photographs)):
@@ -56,7 +56,7 @@ class KnownDepths:
             self._factor, self._held = photographs.factor, {}
         if view in self._held:
             return self._held[view]
-        plane = inverse_depth(self._depths.of(photographs.views[view]), photographs.shown_mask(view))
+        plane = inverse_depth(self.maps.of(photographs.views[view]), photographs.shown_mask(view))
         if not photographs.on_disk:
             self._held[view] = plane
         return plane
