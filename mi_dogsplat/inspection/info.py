@@ -9,6 +9,7 @@ from ..formats.sog_read import META
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import POSED
 from ..support.errors import DataError
+from ..support.paths import takes_paths
 from ..support.wording import printable
 from .dataset import describe_dataset
 from .model import describe_model
@@ -21,6 +22,7 @@ ACCEPTED = (
 DATA_FILES = (".xml", ".json")
 
 
+@takes_paths
 def describe(path: str | Path) -> list[str]:
     """Printable lines about a model, a run folder, a scene or a data set. Raises ``DataError`` for all else and what is
     broken.

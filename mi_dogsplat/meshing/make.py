@@ -16,6 +16,7 @@ from ..render.vantages import vantage_cameras
 from ..scene.drawing import drawn_as
 from ..support.classes import require_class
 from ..support.errors import DataError
+from ..support.paths import takes_paths
 from ..support.variants import require_arrays
 from .mesh_config import MeshConfig
 from .mesh_files import writer_of
@@ -33,6 +34,7 @@ class Meshed:
     """world units"""
 
 
+@takes_paths
 def make_mesh(
     model: str | Path,
     out: str | Path,

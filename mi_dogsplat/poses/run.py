@@ -28,6 +28,7 @@ from ..datasets.world import write_world
 from ..support.errors import DataError
 from ..support.files import read_json, remove_parts, write_json
 from ..support.locks import locked
+from ..support.paths import takes_paths
 from ..support.resumable import begin
 from ..support.settings import refuse
 from .advice import TAKE_MORE, Advice, advice_on_capture, advice_on_model, hopeless
@@ -130,6 +131,7 @@ class Search:
         return free
 
 
+@takes_paths
 def find_poses(
     source: str | Path, out: str | Path, config: PosesConfig, progress: Progress = lambda stage, done, n: None
 ) -> Summary:
