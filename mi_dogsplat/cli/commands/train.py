@@ -9,6 +9,7 @@ from pathlib import Path
 from ...poses.config import PosesConfig
 from ...runs.stopping import stop_when_input_ends
 from ...support.settings import settings_of
+from ...support.variants import set_variant
 from ...training.config import TrainConfig
 from ..flags import DATA_HELP, add_data, add_settings, training_config
 from ..mask_search import search_masks
@@ -85,11 +86,14 @@ def _posed(config: TrainConfig, run: Path) -> TrainConfig:
     from ...poses.input import needs_poses, require_input
     from ...report.run_folder import POSED
     from ...runs.run import prepared
+    from ...runs.unposed import check_unposed
 
     if not needs_poses(config.data):
         return config
     require_input(Path(config.data))
+    set_variant(config.variant)
     out = run / POSED
+    check_unposed(config, out)
     with prepared(run):
         say(f"{config.data} has no cameras: finding poses first, in {out}")
         search_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
