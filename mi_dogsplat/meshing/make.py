@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..datasets import load_dataset
-from ..datasets.masks import Masks
+from ..datasets.masks import Masks, without_mask
 from ..datasets.world import read_world
 from ..export.refine import look_from_near
 from ..formats.read import read_source
 from ..render.picture_options import PictureOptions
 from ..render.vantages import vantage_cameras
+from ..runs.masks_of_run import without_masks_of_run
 from ..scene.drawing import drawn_as
 from ..support.classes import require_class
 from ..support.errors import DataError
@@ -32,6 +33,8 @@ class Meshed:
     n_views: int
     voxel: float
     """world units"""
+    notes: list[str]
+    """a line on photographs of which more counts than their masks might leave"""
 
 
 @takes_paths
@@ -66,7 +69,7 @@ def make_mesh(
     read = read_source(model, out, "mesh")
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
     options.require_for(drawn.linear)
-    said, photographs = read.drawing, None
+    said, photographs, notes = read.drawing, None, list[str]()
     if data:
         if config.photographs:
             dataset = load_dataset(data, options.shrink, on_disk=True)
@@ -76,6 +79,8 @@ def make_mesh(
         if config.photographs:
             masks = Masks(config.masks, dataset.train) if config.masks else None
             photographs = photograph_colors(dataset.train, drawn, masks)
+            notes += without_mask(config.masks, (view.name for view in dataset.train))
+            notes += without_masks_of_run(model, config.masks)
     else:
         cameras = vantage_cameras(splats, config.views, config.size, 0, config.inside, read.drawing.up)
         if options.near_clip is None:
@@ -85,4 +90,4 @@ def make_mesh(
         problem = "no surface is found that hides half of what is behind it"
         raise DataError(model, problem, "use a smaller --voxel or --near-clip, a larger --reach, or other views")
     write(out, mesh, said)
-    return Meshed(len(mesh.faces), len(cameras), voxel)
+    return Meshed(len(mesh.faces), len(cameras), voxel, notes)
