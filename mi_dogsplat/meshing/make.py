@@ -14,6 +14,7 @@ from ..formats.read import read_source
 from ..render.picture_options import PictureOptions
 from ..render.vantages import vantage_cameras
 from ..runs.masks_of_run import without_masks_of_run
+from ..scene.appearance import APPEARANCE, read_appearance
 from ..scene.drawing import drawn_as
 from ..support.classes import require_class
 from ..support.errors import DataError
@@ -78,7 +79,9 @@ def make_mesh(
         cameras, said = [view.camera for view in dataset.train], said.over(read_world(dataset.path).drawing)
         if config.photographs:
             masks = Masks(config.masks, dataset.train) if config.masks else None
-            photographs = photograph_colors(dataset.train, drawn, masks)
+            learned = model.parent / APPEARANCE
+            appearance = read_appearance(learned) if learned.is_file() else None
+            photographs = photograph_colors(dataset.train, drawn, masks, appearance)
             notes += without_mask(config.masks, (view.name for view in dataset.train))
             notes += without_masks_of_run(model, config.masks)
     else:

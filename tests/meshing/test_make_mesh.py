@@ -9,6 +9,7 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
+from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.world import World, write_world
 from mi_dogsplat.formats.gltf_container import Container, matrix_of
 from mi_dogsplat.formats.model import Model
@@ -21,6 +22,7 @@ from mi_dogsplat.meshing.surface import surface_of
 from mi_dogsplat.render.framing import robust_sphere
 from mi_dogsplat.render.vantages import vantage_cameras
 from mi_dogsplat.runs.inputs import note_inputs
+from mi_dogsplat.scene.appearance import APPEARANCE, Appearance, device_of, photographed, radii_squared
 from mi_dogsplat.scene.drawing import Drawing, DrawnAs
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
@@ -160,6 +162,29 @@ def test_colours_are_those_of_the_photographs_where_their_masks_are_white(tmp_pa
     plain, masked = greens("--photographs"), greens("--photographs", "--masks", tmp_path / "masks")
     assert 0.1 < plain[0] < 0.9 and plain[1] > 0.05  # yellow
     assert masked[0] > 0.1 and masked[1] == 0
+
+
+def test_exposures_that_a_run_has_learned_are_taken_out_of_its_photographs(model, tmp_path):
+    shutil.copy(model, tmp_path / "model.ply")
+    data, color = tiny_data.write_tiny_data(tmp_path / "data", n=9), (0.3, 0.5, 0.4)
+    views = load_dataset(data).train
+    gains = np.linspace(-2, 1, len(views))[:, None] + (0.1, 0, -0.1)
+    learned = Appearance([v.name for v in views], [device_of(views[0].camera)], gains, np.array([[-0.3, -0.2]]))
+    for view in views:
+        numbers = learned.numbers(view.camera, view.name)
+        plain = np.broadcast_to(color, (*radii_squared(view.camera).shape, 3))
+        write_png(data / "images" / f"{view.name}.png", photographed(plain, radii_squared(view.camera), numbers))
+
+    def off() -> np.ndarray:
+        """How far the colours of the mesh are from that of the scene, where they are not the grey of what is unseen."""
+        make_mesh(tmp_path / "model.ply", out, MeshConfig(voxel=0.05, photographs=True), data)
+        colors = vertices_of(out)[1]
+        return abs(colors[(abs(colors - 0.5) > 0.01).any(axis=1)] - color).max(axis=1)
+
+    out = tmp_path / "mesh.obj"
+    without = off()
+    learned.write(tmp_path / APPEARANCE)
+    assert np.median(without) > 0.05 and off().max() < 0.02
 
 
 def test_a_mesh_of_the_photographs_of_a_run_with_masks_tells_to_give_them(model, tmp_path, capsys):
