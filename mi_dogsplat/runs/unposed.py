@@ -12,18 +12,22 @@ from ..datasets.named_like_images import composed
 from ..poses.input import find_photographs, is_video, mask_folder
 from ..poses.panoramas import SIDES
 from ..poses.photographs import solid_name
+from ..report.run_folder import POSED
 from ..support.errors import DataError
 from ..training.config import TrainConfig
 from ..training.resolve import require_same_light
+from .resume import require_no_stopped_run
 
 
-def check_unposed(config: TrainConfig, posed: Path) -> None:
-    """Raise the ``DataError`` that a training with these settings would raise after the search for poses, as far as
-    the names of the photographs, or that they are frames of a video, tell; ``posed`` is the folder of the search."""
+def check_unposed(config: TrainConfig, out: Path, resume: bool = False) -> None:
+    """Raise the ``DataError`` that a training with these settings into the run folder ``out`` would raise after the
+    search for poses, as far as that, and the names of the photographs, or that they are frames of a video, tell."""
+    if not resume:
+        require_no_stopped_run(out)
     source = Path(config.data)
     if config.depths is not None and not Path(config.depths).is_dir():
         raise DataError(config.depths, "no such folder", "give a folder with a depth map per image")
-    photographs = {} if is_video(source) else find_photographs(source, posed, mask_folder(source, config.masks))
+    photographs = {} if is_video(source) else find_photographs(source, out / POSED, mask_folder(source, config.masks))
     require_same_light(config, any(map(is_exr, photographs.values())))
     if not photographs:
         return

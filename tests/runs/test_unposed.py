@@ -7,6 +7,8 @@ import pytest
 from command_line import assert_one_line, run
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.run import find_poses
+from mi_dogsplat.report.run_folder import CONFIG
+from mi_dogsplat.runs.checkpoint import CHECKPOINT
 from mi_dogsplat.runs.unposed import check_unposed
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
@@ -65,20 +67,30 @@ def test_images_are_named_as_they_are_or_as_the_data_set_will_have_them(photos):
     (photos.parent / "depths" / "other.png").rename(photos.parent / "depths" / "left" / "3.png")
     for first, second in (("IMG 1.jpg", "IMG_2"), ("left/3.jpg:1,2+IMG_1:3,4", "left_3"), ("front/IMG_1", "IMG_2.jpg")):
         scale, depths = (first, second, "2"), str(photos.parent / "depths")
-        check_unposed(TrainConfig(str(photos), scale=scale, depths=depths), photos / "run" / "posed")
+        check_unposed(TrainConfig(str(photos), scale=scale, depths=depths), photos / "run")
+
+
+def test_a_run_that_was_stopped_is_told_before_poses_are_sought_in_its_folder(photos, capsys):
+    (out := photos.parent / "run").mkdir()
+    for name in (CONFIG, CHECKPOINT):
+        (out / name).parent.mkdir(exist_ok=True)
+        (out / name).write_text("{}")
+    assert_one_line(run(capsys, "train", photos, "-o", out), f"{out}: holds a training that was stopped; add --resume")
+    assert not (out / "posed").exists()
+    check_unposed(TrainConfig(str(photos)), out, resume=True)
 
 
 def test_an_exposure_is_not_learned_of_linear_images(tmp_path):
     for name in ("a", "b"):
         (tmp_path / f"{name}.exr").touch()
-    check_unposed(TrainConfig(str(tmp_path), white=2.0), tmp_path / "run" / "posed")
+    check_unposed(TrainConfig(str(tmp_path), white=2.0), tmp_path / "run")
     with pytest.raises(DataError, match="^--appearance: is for photographs, not for linear images; leave it out$"):
-        check_unposed(TrainConfig(str(tmp_path), appearance=True), tmp_path / "run" / "posed")
+        check_unposed(TrainConfig(str(tmp_path), appearance=True), tmp_path / "run")
 
 
 def test_of_a_video_only_the_folder_of_depth_maps_is_known(tmp_path):
     (tmp_path / "walk.mp4").touch()
-    data, posed = str(tmp_path / "walk.mp4"), tmp_path / "run" / "posed"
-    check_unposed(TrainConfig(data, scale=("frame_000001", "frame_000009", "2"), depths=str(tmp_path)), posed)
+    data, out = str(tmp_path / "walk.mp4"), tmp_path / "run"
+    check_unposed(TrainConfig(data, scale=("frame_000001", "frame_000009", "2"), depths=str(tmp_path)), out)
     with pytest.raises(DataError, match="nowhere: no such folder; give a folder with a depth map per image"):
-        check_unposed(TrainConfig(data, depths="nowhere"), posed)
+        check_unposed(TrainConfig(data, depths="nowhere"), out)

@@ -74,14 +74,14 @@ def run(args: argparse.Namespace) -> None:
     config = training_config(args)
     if config.target != TrainConfig.target:
         config.require_pruning()
-    posed, resume = _posed(config, args.out), args.resume
+    posed, resume = _posed(config, args.out, args.resume), args.resume
     masked = search_masks(posed, args.out, resume) if args.mask_moved else posed
     if masked is not config:  # what was stopped before it had poses and masks has nothing else to go on with
         resume = resume and (args.out / CONFIG).exists()
     run_training(masked, args.out, resume)
 
 
-def _posed(config: TrainConfig, run: Path) -> TrainConfig:
+def _posed(config: TrainConfig, run: Path, resume: bool) -> TrainConfig:
     """The settings for data with poses: those given, or what is made of plain images or a video in the run's folder."""
     from ...poses.input import needs_poses, require_input
     from ...report.run_folder import POSED
@@ -92,8 +92,8 @@ def _posed(config: TrainConfig, run: Path) -> TrainConfig:
         return config
     require_input(Path(config.data))
     set_variant(config.variant)
+    check_unposed(config, run, resume)
     out = run / POSED
-    check_unposed(config, out)
     with prepared(run):
         say(f"{config.data} has no cameras: finding poses first, in {out}")
         search_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
