@@ -17,6 +17,7 @@ from ..render.viewpoint import viewpoint
 from ..support.cores import usable_cores
 from ..support.errors import DataError, making
 from ..support.files import replacing, write_json
+from ..support.paths import require_path, takes_paths
 from ..support.variants import require_arrays
 from ..support.versions import versions
 from ..support.wording import finite, printable
@@ -27,6 +28,7 @@ from .training import read_training
 TEMPLATE_PACKAGES = ("jinja2", "markupsafe")
 
 
+@takes_paths
 def check(
     out: str | Path,
     model: str | Path | None = None,
@@ -60,6 +62,8 @@ def check(
     for name, given in (("parts", parts), ("runs", runs)):
         if isinstance(given, str | Path):  # its letters would be taken one by one
             raise DataError(f"check: {name}", f'"{given}" is no list', f'give one, as {name}=["{given}"]')
+    for run in runs:
+        require_path("check: runs", run)
     out, parts = Path(out), parts or [part for part in PARTS if part != "training" or runs]
     _require_parts(parts, model, runs, width, rounds)
     _require_use(model, data, camera, options)

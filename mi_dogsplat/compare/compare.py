@@ -12,7 +12,7 @@ What is complete is not repeated, and what was cut off goes on from its checkpoi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
 from numbers import Integral
@@ -28,6 +28,7 @@ from ..support.cores import usable_cores
 from ..support.errors import DataError, making
 from ..support.files import is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
+from ..support.paths import require_path, takes_paths
 from ..support.wording import counted
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
@@ -42,6 +43,7 @@ from .targets import counted_target
 from .tasks import Task, all_tasks
 
 
+@takes_paths
 def compare(
     config: TrainConfig,
     data: Sequence[str],
@@ -126,10 +128,12 @@ def _check_arguments(
 ) -> None:  # fmt: skip
     """Raises ``DataError``, which names the flag, for what no comparison can be made of."""
     for flag, given in (("DATA", data), ("--seeds", seeds), ("--only", methods)):
-        if isinstance(given, str):
+        if isinstance(given, str) or not isinstance(given, Sized):
             raise DataError(flag, f'is "{given}"', "give a list, even of only one")
         if not len(given):
             raise DataError(flag, "is empty", "give at least one")
+    for path in data:
+        require_path("DATA", path)
     if unknown := [name for name in methods if name not in METHODS]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(METHODS)}")
     if broken := [seed for seed in seeds if not isinstance(seed, Integral)]:

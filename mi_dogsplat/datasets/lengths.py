@@ -8,7 +8,7 @@ the points of structure from motion around it. Marks of one point in several ima
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,7 +23,7 @@ SPREAD = 0.1  # of their depth, at most, or they lie on several things
 LEAST_PARALLAX = 1.0  # degrees between the rays of marks
 MISS = 0.02  # of their depth: how far the rays of one point may pass from it
 AGAIN = "mark it in a second image too: A:X,Y+B:X,Y"
-FLAG = "--scale"
+FLAG, POSED = "--scale", "has a pose"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,16 @@ def length_in_units(ends: tuple[str, str], standpoints: Mapping[str, Standpoint]
     return length
 
 
+def require_images(ends: tuple[str, str], images: Collection[str]) -> None:
+    """Raise ``DataError`` for a place that is told by none of the ``images``, named as above: said before poses are
+    looked for."""
+    names = {*images, *map(view_name, images)}
+    for told in ends:
+        for name in [told] if told in names else [mark[1] for mark in _marks(told)] or [told]:
+            if view_meant(name, names) is None:
+                raise _no_image(name, "is there", images)
+
+
 def standpoints_of(dataset: Dataset, factor: int = 1) -> dict[str, Standpoint]:
     """Those of the views of a data set whose images are smaller by this factor than at their full size."""
     return {view.name: _of_view(view, dataset, factor) for view in dataset.views}
@@ -73,15 +83,15 @@ def _place(told: str, standpoints: Mapping[str, Standpoint]) -> np.ndarray:
     """The place [3] that a word tells."""
     if told in standpoints:
         return standpoints[told].position
-    marks = list(re.finditer(MARK, told))
-    if not marks or marks[-1].end() < len(told):
+    marks = _marks(told)
+    if not marks:
         if at := _named(told, standpoints):
             return at.position
-        raise _no_image(told, standpoints)
+        raise _no_image(told, POSED, standpoints)
     rays: list[tuple[Standpoint, np.ndarray]] = []
     for mark in marks:
         if not (at := _named(mark[1], standpoints)):
-            raise _no_image(mark[1], standpoints)
+            raise _no_image(mark[1], POSED, standpoints)
         rays.append((at, at.ray(np.array([float(mark[2]), float(mark[3])]))))
     if not all(np.isfinite(ray).all() for _, ray in rays):
         raise DataError(FLAG, f'"{told}" is outside of the image', "give pixels of the image at its full size")
@@ -90,15 +100,21 @@ def _place(told: str, standpoints: Mapping[str, Standpoint]) -> np.ndarray:
     return _by_depth(told, *rays[0])
 
 
+def _marks(told: str) -> list[re.Match[str]]:
+    """The marks of which a word consists; none of a word that is a name."""
+    marks = list(re.finditer(MARK, told))
+    return marks if marks and marks[-1].end() == len(told) else []
+
+
 def _named(name: str, standpoints: Mapping[str, Standpoint]) -> Standpoint | None:
     meant = view_meant(name, standpoints)
     return standpoints[meant] if meant is not None else None
 
 
-def _no_image(name: str, standpoints: Mapping[str, Standpoint]) -> DataError:
-    like = sorted(standpoints)[0]
+def _no_image(name: str, lacks: str, images: Iterable[str]) -> DataError:
+    like = min(images)
     remedy = f"name two of them, like {like}, or points in them, like {like}:120,80"
-    return DataError(FLAG, f'no image "{name}" has a pose', remedy)
+    return DataError(FLAG, f'no image "{name}" {lacks}', remedy)
 
 
 def _triangulated(told: str, rays: list[tuple[Standpoint, np.ndarray]]) -> np.ndarray:

@@ -26,6 +26,7 @@ from ..scene.finite import finite_primitives
 from ..scene.splats import Array, Splats
 from ..support.classes import require_class
 from ..support.errors import DataError
+from ..support.paths import takes_paths
 from ..support.pictures import write_png
 from ..support.variants import require_arrays
 from .clean_config import CleanConfig
@@ -49,6 +50,7 @@ class Cleaned:
     """a line for each thing that the formats have no room for"""
 
 
+@takes_paths
 def clean_model(
     model: str | Path,
     out: str | Path,

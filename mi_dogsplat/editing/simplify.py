@@ -27,6 +27,7 @@ from ..scene.splats import Splats
 from ..scene.whole import whole
 from ..support.classes import require_class
 from ..support.errors import DataError
+from ..support.paths import takes_paths
 from ..support.srgb import displayed
 from ..support.variants import require_arrays
 from ..support.wording import counted
@@ -57,6 +58,7 @@ class Simplified:
     """a line for each thing that the formats have no room for"""
 
 
+@takes_paths
 def simplify_model(
     model: str | Path,
     out: str | Path,

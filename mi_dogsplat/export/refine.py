@@ -20,7 +20,7 @@ from ..render.framing import robust_sphere
 from ..render.picture import background_color, photograph, picture_of, radiance_of
 from ..render.picture_options import PictureOptions
 from ..render.vantages import vantage_cameras
-from ..scene.appearance import Appearance, photographed, radii_squared
+from ..scene.appearance import Appearance
 from ..scene.cameras import Camera
 from ..scene.drawing import DrawnAs
 from ..scene.splats import Array, Splats
@@ -92,8 +92,7 @@ def _completed(model: Splats, view: View, masks: Masks | None, appearance: Appea
     at_limit = None if full is None else full[..., None]
     if appearance:
         at_limit = picture >= CLIPPED
-        numbers = appearance.numbers(view.camera, view.name)
-        picture = np.clip(photographed(picture, radii_squared(view.camera), -numbers), 0, 1)
+        picture = appearance.taken_out(picture, view.camera, view.name)
     if mask is None and at_limit is None:
         return picture
     (own,) = rendered(model, [view.camera], look)

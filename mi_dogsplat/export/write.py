@@ -30,6 +30,7 @@ from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..support.classes import require_class
 from ..support.errors import DataError
+from ..support.paths import takes_paths
 from ..support.settings import refuse
 from ..support.variants import require_arrays
 from ..support.wording import counted
@@ -55,6 +56,7 @@ class Exported:
     refine_seconds: float | None = None
 
 
+@takes_paths
 def export_model(
     model: str | Path,
     out: str | Path,

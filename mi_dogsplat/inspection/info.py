@@ -9,6 +9,8 @@ from ..formats.sog_read import META
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import POSED
 from ..support.errors import DataError
+from ..support.paths import takes_paths
+from ..support.run_files import are_of_run
 from ..support.wording import printable
 from .dataset import describe_dataset
 from .model import describe_model
@@ -21,6 +23,7 @@ ACCEPTED = (
 DATA_FILES = (".xml", ".json")
 
 
+@takes_paths
 def describe(path: str | Path) -> list[str]:
     """Printable lines about a model, a run folder, a scene or a data set. Raises ``DataError`` for all else and what is
     broken.
@@ -43,6 +46,8 @@ def kind_of(path: Path) -> str:
     """``model``, ``run`` or ``data``, by names, or by the first bytes where these say nothing. Raises ``DataError``."""
     if not path.exists():
         raise DataError(path, "no such file or folder", ACCEPTED)
+    if path.name in RUN_FILES and path.is_file() and are_of_run([file.name for file in path.parent.iterdir()]):
+        raise DataError(path, "is a file of a run", f"give its folder: {path.parent}")
     if path.is_file() and (is_model_name(path) or _begins_as_model(path)):
         return "model"
     if path.is_dir() and any((path / name).is_file() for name in RUN_FILES):

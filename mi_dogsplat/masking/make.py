@@ -22,6 +22,7 @@ from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.splats import Splats
 from ..support.errors import DataError, making
 from ..support.files import is_empty
+from ..support.paths import takes_paths
 from ..support.pictures import write_png
 from ..support.variants import require_arrays
 from .errors import smooth_error
@@ -46,6 +47,7 @@ class Found:
         return {name: share for name, share in sorted(self.shares.items(), key=lambda item: -item[1]) if share}
 
 
+@takes_paths
 def make_masks(
     model: str | Path,
     data: str | Path,

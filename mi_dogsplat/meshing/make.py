@@ -7,15 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..datasets import load_dataset
-from ..datasets.masks import Masks
+from ..datasets.masks import Masks, without_mask
 from ..datasets.world import read_world
 from ..export.refine import look_from_near
 from ..formats.read import read_source
 from ..render.picture_options import PictureOptions
 from ..render.vantages import vantage_cameras
+from ..runs.masks_of_run import without_masks_of_run
+from ..scene.appearance import APPEARANCE, read_appearance
 from ..scene.drawing import drawn_as
 from ..support.classes import require_class
 from ..support.errors import DataError
+from ..support.paths import takes_paths
 from ..support.variants import require_arrays
 from .mesh_config import MeshConfig
 from .mesh_files import writer_of
@@ -31,8 +34,11 @@ class Meshed:
     n_views: int
     voxel: float
     """world units"""
+    notes: list[str]
+    """a line on photographs of which more counts than their masks might leave"""
 
 
+@takes_paths
 def make_mesh(
     model: str | Path,
     out: str | Path,
@@ -64,7 +70,7 @@ def make_mesh(
     read = read_source(model, out, "mesh")
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
     options.require_for(drawn.linear)
-    said, photographs = read.drawing, None
+    said, photographs, notes = read.drawing, None, list[str]()
     if data:
         if config.photographs:
             dataset = load_dataset(data, options.shrink, on_disk=True)
@@ -73,7 +79,11 @@ def make_mesh(
         cameras, said = [view.camera for view in dataset.train], said.over(read_world(dataset.path).drawing)
         if config.photographs:
             masks = Masks(config.masks, dataset.train) if config.masks else None
-            photographs = photograph_colors(dataset.train, drawn, masks)
+            learned = model.parent / APPEARANCE
+            appearance = read_appearance(learned) if learned.is_file() else None
+            photographs = photograph_colors(dataset.train, drawn, masks, appearance)
+            notes += without_mask(config.masks, (view.name for view in dataset.train))
+            notes += without_masks_of_run(model, config.masks)
     else:
         cameras = vantage_cameras(splats, config.views, config.size, 0, config.inside, read.drawing.up)
         if options.near_clip is None:
@@ -83,4 +93,4 @@ def make_mesh(
         problem = "no surface is found that hides half of what is behind it"
         raise DataError(model, problem, "use a smaller --voxel or --near-clip, a larger --reach, or other views")
     write(out, mesh, said)
-    return Meshed(len(mesh.faces), len(cameras), voxel)
+    return Meshed(len(mesh.faces), len(cameras), voxel, notes)

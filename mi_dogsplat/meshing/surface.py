@@ -35,7 +35,7 @@ def surface_of(
     drawn: DrawnAs,
     config: MeshConfig = MeshConfig(),
     show: Callable[[int, int], None] | None = None,
-    photographs: Callable[[int], Array] | None = None,
+    photographs: Callable[[int, Array], Array] | None = None,
 ) -> tuple[Mesh, float]:
     """The surface that cameras see of a model, and the voxel it was looked for with, world units.
 
@@ -44,7 +44,7 @@ def surface_of(
         drawn: how the model is drawn.
         config: its ``voxel``, ``reach``, ``min_faces``, ``connected``, ``faces`` and ``texture``.
         show: as in ``make_mesh``.
-        photographs: the colours of a view by its number (``photograph_colors.py``); None: those of the model.
+        photographs: colours of a view by its number and the model's there (``photograph_colors.py``); None: the latter.
 
     Raises ``DataError`` where there would be too many voxels or pixels, or no part that is large enough.
     """

@@ -42,13 +42,16 @@ class SurfaceViews:
     picture: Callable[[Camera], Picture]
     room: int
     """bytes of pictures to keep"""
-    photographs: Callable[[int], Array] | None = None
-    """the colours of a view by its number, in place of those of the model"""
+    photographs: Callable[[int, Array], Array] | None = None
+    """the colours of a view by its number and the model's colours in it, in place of these"""
     _kept: dict[int, Seen] = field(default_factory=dict)
 
     @staticmethod
     def of(
-        splats: Splats, cameras: list[Camera], drawn: DrawnAs, photographs: Callable[[int], Array] | None = None
+        splats: Splats,
+        cameras: list[Camera],
+        drawn: DrawnAs,
+        photographs: Callable[[int, Array], Array] | None = None,
     ) -> SurfaceViews:
         """Of a model that is drawn like that, from these cameras."""
         room = int(KEPT_SHARE * (available_memory() or 0))
@@ -67,7 +70,8 @@ class SurfaceViews:
 
     def _seen(self, k: int) -> Seen:
         picture = self.picture(self.cameras[k])
-        color = _own_color(picture) if self.photographs is None else self.photographs(k)
+        own = _own_color(picture)
+        color = own if self.photographs is None else self.photographs(k, own)
         return Seen(self.cameras[k], picture.aovs[f"{DEPTH}.Z"], color.astype(np.float16))
 
 

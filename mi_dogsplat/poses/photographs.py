@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -150,6 +150,15 @@ def _write(image: Image.Image, target: Path, kind: str) -> None:
             image.save(part, "PNG")
 
 
+def masks_of(source: Path, names: Sequence[str]) -> dict[str, Path]:
+    """The masks in a folder by the names, ``solid_name``, of their images. Raises ``DataError`` if there is none."""
+    paths = {solid_name(name): path for name, path in mask_files(source).items()}
+    found = {name: path for name in names if (path := paths.get(composed(view_name(name))))}
+    if not found:
+        raise no_mask(source, view_name(names[0]))
+    return found
+
+
 def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> int:
     """Write ``<image>.png`` into ``folder`` for each photograph that has a mask, in its size; returns how many.
 
@@ -157,10 +166,8 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
     upright shows the latter by its shape, it holds for all: half a turn leaves the shape as it is. These names are
     COLMAP's and ``Masks``' own. Raises ``DataError`` if there is a mask for none, or one is unreadable.
     """
-    paths = {solid_name(name): path for name, path in mask_files(source).items()}
-    masked = [(p, path) for p in photographs if (path := paths.get(composed(view_name(p.name))))]
-    if not masked:
-        raise no_mask(source, view_name(photographs[0].name))
+    masks = masks_of(source, [photograph.name for photograph in photographs])
+    masked = [(photograph, masks[photograph.name]) for photograph in photographs if photograph.name in masks]
     all_lie = any(_lies(photograph, path) for photograph, path in masked if photograph.turn in QUARTER_TURNS)
     for photograph, path in masked:
         target = folder / f"{photograph.name}.png"

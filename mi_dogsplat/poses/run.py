@@ -23,11 +23,13 @@ from typing import Any
 import numpy as np
 
 from ..datasets.exr import is_exr
+from ..datasets.lengths import require_images
 from ..datasets.masks import mask_files
 from ..datasets.world import write_world
 from ..support.errors import DataError
 from ..support.files import read_json, remove_parts, write_json
 from ..support.locks import locked
+from ..support.paths import takes_paths
 from ..support.resumable import begin
 from ..support.settings import refuse
 from .advice import TAKE_MORE, Advice, advice_on_capture, advice_on_model, hopeless
@@ -44,7 +46,7 @@ from .mapping import reconstruct
 from .matching import match
 from .output import renamed, undistort, write_model
 from .panoramas import SIDES, cut_masks, cut_panoramas
-from .photographs import Photograph, prepare, prepare_masks
+from .photographs import Photograph, masks_of, prepare, prepare_masks, solid_name
 from .rigs import tie_views
 from .summary import Summary, outcome_of, summary_of
 from .video import says_panorama
@@ -130,6 +132,7 @@ class Search:
         return free
 
 
+@takes_paths
 def find_poses(
     source: str | Path, out: str | Path, config: PosesConfig, progress: Progress = lambda stage, done, n: None
 ) -> Summary:
@@ -149,6 +152,8 @@ def find_poses(
         refuse("linear", f"is for photographs, and {source} is a video", "leave it out")
     pycolmap = pycolmap_module(config.gpu)
     search = _search_for(source, out, config)
+    if not (out / SETTINGS).is_file():  # of another search ``begin`` says first that it is one
+        _require_named(search)
     begin(out / SETTINGS, search.settings(), "search for poses", search.free())
     with locked(out, "another process is looking for poses in it"):
         remove_parts(out)
@@ -177,6 +182,18 @@ def _search_for(source: Path, out: Path, config: PosesConfig) -> Search:
         lens = lens_of({source: says_panorama(source)}, config.lens)
     config = dataclasses.replace(config, lens=lens, linear=config.linear or light is not None)
     return Search(source, photographs, masks, out, config)
+
+
+def _require_named(search: Search) -> None:
+    """Raise ``DataError`` for masks of other images, and for places in others: with a video nobody knows its frames."""
+    if not search.photographs:
+        return
+    names = [solid_name(name) for name in search.photographs]
+    if search.masks:
+        masks_of(search.masks, names)
+    if search.config.scale is not None:
+        views = [f"{side}/{name}" for side in SIDES for name in names] if search.config.panoramas else names
+        require_images(search.config.scale[:2], views)
 
 
 def is_done(out: Path) -> bool:

@@ -13,6 +13,7 @@ from ..formats.read import read_model, require_primitives
 from ..scene.appearance import read_appearance
 from ..support.errors import DataError, Wrong, writing
 from ..support.files import replacing, require_place
+from ..support.paths import takes_paths
 from ..support.pictures import write_channels, write_exr, write_png
 from ..support.variants import require_arrays, require_variant
 from .picture import Picture, as_taken, picture_of, premultiplied
@@ -25,6 +26,7 @@ from .viewpoint import viewpoint
 SUFFIXES = (".png", ".exr", ".npz")
 
 
+@takes_paths
 def render_model(
     model: str | Path,
     out: str | Path,
@@ -76,6 +78,7 @@ def render_model(
             write_png(out, picture.color)
 
 
+@takes_paths
 def render_scene(
     path: str | Path,
     out: str | Path,

@@ -19,10 +19,12 @@ from ..scene.drawing import drawn_as
 from ..support.errors import DataError
 from ..support.files import parse_json, remove_parts, write_json
 from ..support.locks import locked
+from ..support.paths import takes_paths
 from ..support.variants import require_arrays
 from .run import prepared
 
 
+@takes_paths
 def evaluate_model(
     model: str | Path,
     data: str | Path,

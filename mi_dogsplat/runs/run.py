@@ -21,6 +21,7 @@ from ..support.classes import require_class
 from ..support.errors import DataError, making, undisguised
 from ..support.files import PART, is_empty, json_text, remove_parts, write_json
 from ..support.locks import locked
+from ..support.paths import takes_paths
 from ..support.variants import require_arrays
 from ..training.config import TrainConfig
 from ..training.initialize import model_to_prune
@@ -85,6 +86,7 @@ def _writing(out: Path) -> Iterator[None]:
         raise DataError(path, problem, f"make room on the disk, or check it; {again}") from error
 
 
+@takes_paths
 def train(
     config: TrainConfig,
     out: Path,

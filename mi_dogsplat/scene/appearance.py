@@ -72,6 +72,10 @@ class Appearance:
         device = device_of(camera)
         return self.of_devices[list(self.devices).index(device)] if device in self.devices else np.zeros(N_OF_DEVICE)
 
+    def taken_out(self, image: ArrayLike, camera: Camera, name: str) -> NDArray[np.float32]:
+        """A photograph [H, W, 3] by its name, 0..1, without what its camera did: what ``photographed`` made of it."""
+        return np.clip(photographed(image, radii_squared(camera), -self.numbers(camera, name)), 0, 1)
+
     def write(self, path: Path) -> None:
         """As JSON: ``exposure`` in EV and ``white_balance`` in log2 of each image, ``vignetting`` of each device."""
         images, devices = {}, []

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from functools import cache
 from typing import Any, NoReturn, get_args, get_origin, get_type_hints
 
@@ -41,12 +41,12 @@ def settings_of(kind: type) -> dict[str, tuple[Any, Setting]]:
 
 def check_settings(config: object) -> None:
     """Raise ``DataError`` for the first field that is of another type than its own, out of its range or none of its
-    choices; None is always right.
+    choices. None is right where the type has it, or where it is the default, in place of which another is filled in.
 
     Numbers of NumPy, paths and lists become what JSON can hold, as files of runs do: numbers, strings and tuples.
     """
     for name, (hint, setting) in settings_of(type(config)).items():
-        if getattr(config, name) is None:
+        if getattr(config, name) is None and (type(None) in get_args(hint) or not is_said(config, name)):
             continue
         value, least, most = _typed(name, getattr(config, name), hint), setting.least, setting.most
         object.__setattr__(config, name, value)  # which may be frozen
@@ -108,8 +108,8 @@ def unfit(kind: type, values: Mapping[str, Any]) -> str:
 
 
 def is_said(config: object, name: str) -> bool:
-    """Whether a setting is another than its default; what is usual may be said or not."""
-    return getattr(config, name) != getattr(type(config), name)
+    """Whether a setting is another than its default, if it has one; what is usual may be said or not."""
+    return getattr(config, name) != getattr(type(config), name, MISSING)
 
 
 def _in_range(value: Any, setting: Setting) -> bool:

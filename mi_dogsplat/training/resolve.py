@@ -90,11 +90,16 @@ def with_points(config: TrainConfig, dataset: Dataset) -> Dataset:
 
 def exposed(config: TrainConfig, dataset: Dataset) -> Dataset:
     """The images with the white of the settings. Raises ``DataError`` for settings that are for others."""
-    if config.white is not None and dataset.white is None:
-        raise DataError("--white", "is for linear images", "leave it out, or train on OpenEXR images")
-    if config.appearance and dataset.white is not None:
-        raise DataError("--appearance", "is for photographs, not for linear images", "leave it out")
+    require_same_light(config, dataset.white is not None)
     return dataset if config.white is None else dataset.exposed(config.white)
+
+
+def require_same_light(config: TrainConfig, linear: bool) -> None:
+    """Raise ``DataError`` for settings that are for linear images where these are not, and the other way round."""
+    if config.white is not None and not linear:
+        raise DataError("--white", "is for linear images", "leave it out, or train on OpenEXR images")
+    if config.appearance and linear:
+        raise DataError("--appearance", "is for photographs, not for linear images", "leave it out")
 
 
 def recipe_of_run(config: TrainConfig, recipe: Recipe | None) -> Recipe:

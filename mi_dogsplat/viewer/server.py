@@ -30,6 +30,7 @@ from ..scene.kinds import kinds_of
 from ..scene.orientation import up_of_cameras
 from ..scene.splats import Splats
 from ..support.errors import DataError, interruptible
+from ..support.paths import takes_paths
 from ..support.variants import require_arrays
 from ..support.wording import counted
 from .address import require_address
@@ -227,6 +228,7 @@ class Server:
         return True
 
 
+@takes_paths
 def serve(
     model: str | Path,
     data: str | Path | None = None,

@@ -347,6 +347,14 @@ def test_a_broken_run_is_told_too(tmp_path):
         describe(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["config.json", "history.jsonl", "metrics.json"])
+def test_a_file_of_a_run_names_its_folder(tmp_path, name):
+    for file in ("config.json", "history.jsonl", "metrics.json"):
+        (tmp_path / file).write_text('{"step": 1}\n{"step": 2}\n')
+    with pytest.raises(DataError, match=f"{name}: is a file of a run; give its folder: {tmp_path}$"):
+        describe(tmp_path / name)
+
+
 def test_of_what_has_no_cameras_yet_it_says_how_it_gets_them(tmp_path):
     for name in ("pictures/1.jpg", "walk.mp4", "run/posed/poses.json", "run/posed/images/1.jpg", "empty/notes.txt"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,7 @@
 """``dogsplat mesh``: the surface of a model of known shape and colours; bad input in a line."""
 
 import io
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
+from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.world import World, write_world
 from mi_dogsplat.formats.gltf_container import Container, matrix_of
 from mi_dogsplat.formats.model import Model
@@ -19,11 +21,14 @@ from mi_dogsplat.meshing.mesh_config import MeshConfig
 from mi_dogsplat.meshing.surface import surface_of
 from mi_dogsplat.render.framing import robust_sphere
 from mi_dogsplat.render.vantages import vantage_cameras
+from mi_dogsplat.runs.inputs import note_inputs
+from mi_dogsplat.scene.appearance import APPEARANCE, Appearance, device_of, photographed, radii_squared
 from mi_dogsplat.scene.drawing import Drawing, DrawnAs
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.pictures import write_png
+from mi_dogsplat.training.config import TrainConfig
 from PIL import Image
 from splat_scenes import make_splats, rounded
 
@@ -157,6 +162,44 @@ def test_colours_are_those_of_the_photographs_where_their_masks_are_white(tmp_pa
     plain, masked = greens("--photographs"), greens("--photographs", "--masks", tmp_path / "masks")
     assert 0.1 < plain[0] < 0.9 and plain[1] > 0.05  # yellow
     assert masked[0] > 0.1 and masked[1] == 0
+
+
+def test_exposures_that_a_run_has_learned_are_taken_out_of_its_photographs(model, tmp_path):
+    shutil.copy(model, tmp_path / "model.ply")
+    data, color = tiny_data.write_tiny_data(tmp_path / "data", n=9), (0.3, 0.5, 0.4)
+    views = load_dataset(data).train
+    gains = np.linspace(-2, 1, len(views))[:, None] + (0.1, 0, -0.1)
+    learned = Appearance([v.name for v in views], [device_of(views[0].camera)], gains, np.array([[-0.3, -0.2]]))
+    for view in views:
+        numbers = learned.numbers(view.camera, view.name)
+        plain = np.broadcast_to(color, (*radii_squared(view.camera).shape, 3))
+        write_png(data / "images" / f"{view.name}.png", photographed(plain, radii_squared(view.camera), numbers))
+
+    def off() -> np.ndarray:
+        """How far the colours of the mesh are from that of the scene, where they are not the grey of what is unseen."""
+        make_mesh(tmp_path / "model.ply", out, MeshConfig(voxel=0.05, photographs=True), data)
+        colors = vertices_of(out)[1]
+        return abs(colors[(abs(colors - 0.5) > 0.01).any(axis=1)] - color).max(axis=1)
+
+    out = tmp_path / "mesh.obj"
+    without = off()
+    learned.write(tmp_path / APPEARANCE)
+    assert np.median(without) > 0.05 and off().max() < 0.02
+
+
+def test_a_mesh_of_the_photographs_of_a_run_with_masks_tells_to_give_them(model, tmp_path, capsys):
+    data, masks = tiny_data.write_tiny_data(tmp_path / "data", n=3), tmp_path / "masks"
+    run_model = tmp_path / "run" / "point_cloud.ply"
+    run_model.parent.mkdir()
+    shutil.copy(model, run_model)
+    write_png(masks / "1.png", np.ones((tiny_data.HEIGHT, tiny_data.WIDTH)))
+    note_inputs(TrainConfig(str(data), masks=str(masks)), run_model.parent)
+    mesh = ["mesh", run_model, "-o", tmp_path / "mesh.ply", "--data", data, "--voxel", "0.1"]
+    line = f"{run_model} was trained with masks; what they hide counts here unless you give --masks {masks}"
+    assert line in run(capsys, *mesh, "--photographs")[1].splitlines()
+    told = run(capsys, *mesh, "--photographs", "--masks", masks)[1]
+    assert f"{masks}: no mask for 1 of 2 images, such as 2; all of their pixels count\n" in told and line not in told
+    assert "masks" not in run(capsys, *mesh)[1]
 
 
 def test_the_data_say_what_is_up_and_how_long_a_unit_is_where_the_model_does_not(model, tmp_path):

@@ -223,11 +223,11 @@ def test_a_length_that_could_not_be_measured_is_corrected_without_beginning_anew
     grey = folder_of(tmp_path / "in", [np.full((90, 120, 3), 99, np.uint8)] * 2)
     for metres in ("1", "2"):
         with pytest.raises(DataError, match="no poses found"):
-            find_poses(grey, tmp_path / "out", PosesConfig(scale=("a", "b", metres)))
-        assert json.loads((tmp_path / "out" / "poses.json").read_text())["scale"] == ["a", "b", metres]
+            find_poses(grey, tmp_path / "out", PosesConfig(scale=("0", "1", metres)))
+        assert json.loads((tmp_path / "out" / "poses.json").read_text())["scale"] == ["0", "1", metres]
     (tmp_path / "out" / "sparse" / "0").mkdir(parents=True)
     with pytest.raises(DataError, match=r"scale was .*'2'\] and is .*'3'\] now"):
-        find_poses(grey, tmp_path / "out", PosesConfig(scale=("a", "b", "3")))
+        find_poses(grey, tmp_path / "out", PosesConfig(scale=("0", "1", "3")))
 
 
 # --- a lens ---

@@ -42,9 +42,15 @@ def test_every_field_of_a_configuration_says_what_it_is_for(kind):
     assert all(setting.help for _, setting in found.values())
 
 
-def test_values_within_their_bounds_are_taken_and_so_is_none():
-    for some in (Some(), Some(many=2), Some(share=0), Some(share=1.0, far_away="b", plain=-9)):
+def test_values_within_their_bounds_are_taken_and_so_is_none_where_a_type_has_it():
+    for some in (Some(), Some(many=None, size=None), Some(many=2), Some(share=1.0, far_away="b", plain=-9)):
         check_settings(some)
+    assert TrainConfig("photos", steps=None) == TrainConfig("photos")  # pyright: ignore[reportArgumentType]
+
+
+def test_a_setting_without_default_cannot_be_none():
+    with pytest.raises(DataError, match="^--data: None has the wrong type; use a string$"):
+        TrainConfig(None)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize(
@@ -61,6 +67,10 @@ def test_values_within_their_bounds_are_taken_and_so_is_none():
         ({"size": 24}, "--size: 24 has the wrong type; use 2 integers"),
         ({"target": [5]}, "--target: [5] has the wrong type; use a string or a number"),
         ({"small": "false"}, "--small: 'false' has the wrong type; use True or False"),
+        ({"share": None}, "--share: None has the wrong type; use a number"),
+        ({"target": None}, "--target: None has the wrong type; use a string or a number"),
+        ({"far_away": None}, "--far-away: None has the wrong type; use a string"),
+        ({"small": None}, "--small: None has the wrong type; use True or False"),
     ],
 )
 def test_other_values_are_one_line_that_names_the_flag(given, line):

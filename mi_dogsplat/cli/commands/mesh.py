@@ -9,7 +9,7 @@ from ...formats.usd_files import NAMES as USD_NAMES
 from ...meshing.mesh_config import MeshConfig
 from ...render.picture_options import NEAR, PictureOptions
 from ...support.variants import set_variant
-from ...support.wording import counted
+from ...support.wording import counted, printable
 from ...training.config import TrainConfig
 from ..flags import MODEL_HELP, add_settings, given_settings
 
@@ -56,5 +56,7 @@ def run(args: argparse.Namespace) -> None:
 
     with Bar("view") as bar:
         made = make_mesh(args.model, args.out, config, args.data, options, bar.show)
+    for line in made.notes:
+        print(printable(line))
     views = counted(made.n_views, "view")
     print(f"{args.out}: {counted(made.n_faces, 'triangle')} from {views}; a voxel is {made.voxel:.4g}")

@@ -9,6 +9,7 @@ from pathlib import Path
 from ...poses.config import PosesConfig
 from ...runs.stopping import stop_when_input_ends
 from ...support.settings import settings_of
+from ...support.variants import set_variant
 from ...training.config import TrainConfig
 from ..flags import DATA_HELP, add_data, add_settings, training_config
 from ..mask_search import search_masks
@@ -75,24 +76,27 @@ def run(args: argparse.Namespace) -> None:
     config = training_config(args)
     if config.target != TrainConfig.target:
         config.require_pruning()
-    posed, resume = _posed(config, args.out), args.resume
+    posed, resume = _posed(config, args.out, args.resume), args.resume
     masked = search_masks(posed, args.out, resume) if args.mask_moved else posed
     if masked is not config:  # what was stopped before it had poses and masks has nothing else to go on with
         resume = resume and (args.out / CONFIG).exists()
     run_training(masked, args.out, resume)
 
 
-def _posed(config: TrainConfig, run: Path) -> TrainConfig:
+def _posed(config: TrainConfig, run: Path, resume: bool) -> TrainConfig:
     """The settings for data with poses: those given, or what is made in the run's folder of plain images, a video or a
     scan."""
     from ...datasets.scans.apps import is_scan
     from ...poses.input import needs_poses, require_input
     from ...report.run_folder import POSED
     from ...runs.run import prepared
+    from ...runs.unposed import check_unposed
 
     if not needs_poses(config.data):
         return config
     require_input(Path(config.data))
+    set_variant(config.variant)
+    check_unposed(config, run, resume)
     out = run / POSED
     with prepared(run):
         scanned = is_scan(Path(config.data))
