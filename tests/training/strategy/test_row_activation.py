@@ -12,12 +12,13 @@ from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.given_rows import GIVEN
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.quantisation.quantiser import Coding, Quantiser
-from mi_dogsplat.training.strategy.cut_activation import CutRule, SecondCutActivation, largest_change
+from mi_dogsplat.training.strategy.cut_activation import CutRule, largest_change
 from mi_dogsplat.training.strategy.dog_control import DogRule, activate
-from mi_dogsplat.training.strategy.row_activation import RowRule, give_rows
+from mi_dogsplat.training.strategy.row_activation import RowActivation, RowRule, give_rows
 from mi_dogsplat.training.strategy.slope_activation import SlopeRule
 from sloped_models import with_curvatures, with_slopes
 from splat_scenes import image_of, kernels, options, random_splats, rounded, tilted_camera
@@ -135,7 +136,7 @@ def test_what_sees_a_model_as_such_a_file_refuses_rows(group: RowGroup, with_row
 def activated(optimizer: SplatOptimizer, seed: int = 0) -> np.ndarray:
     """[N, 3] second normals, as they begin."""
     t: Any = SimpleNamespace(optimizer=optimizer, rng=np.random.default_rng(seed))
-    (event,) = SecondCutActivation(CutRule()).act(t)
+    (event,) = RowActivation(GIVEN["second_cuts"], CutRule()).act(t)
     assert event.record == {"kind": "second_cuts_activated", "count": optimizer.n}
     return optimizer.to_splats().second_cut_normals
 
