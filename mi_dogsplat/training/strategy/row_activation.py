@@ -7,23 +7,21 @@ primitives, each of which stands for what several have shown before, gain most b
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar, TypeVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from ...scene.row_groups import RowGroup
 from ..events import ROWS_ACTIVATED, ROWS_LEFT_OUT, Event
-from ..milestones import scaled_milestone
+from ..milestones import FromStep
 from ..optimizer.splat_optimizer import SplatOptimizer
 from .once import Once
 from .strategy import Strategy, Training
 
-R = TypeVar("R", bound="RowRule")
-
 
 @dataclass(frozen=True)
-class RowRule:
+class RowRule(FromStep):
     """Numbers of the recipe, for a run of 30,000 steps.
 
     Raises ``ValueError`` for a number out of range.
@@ -39,14 +37,6 @@ class RowRule:
             raise ValueError(f"{type(self).__name__}: start is {self.start}, expected a step")
         if not 0 <= self.least < np.inf:
             raise ValueError(f"{type(self).__name__}: least is {self.least}, expected a change of {self.least_of}")
-
-    def scaled(self: R, factor: float) -> R:
-        """The rule of a run ``factor`` times as long."""
-        return replace(self, start=scaled_milestone(self.start, factor))
-
-    def earlier(self: R, steps: int) -> R:
-        """The rule of a run that begins ``steps`` steps later."""
-        return replace(self, start=max(0, self.start - steps))
 
 
 def give_rows(optimizer: SplatOptimizer, group: RowGroup, begun: Mapping[str, np.ndarray] | None = None) -> int:
