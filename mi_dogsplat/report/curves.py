@@ -15,6 +15,8 @@ from .prunes import marks, with_drops
 from .run_folder import Run
 from .smoothing import running_mean
 
+LANES_OF_ROWS = {"slopes": "slopes", "curvatures": "slopes", "cuts": "cuts", "second_cuts": "cuts", "shifts": "shifts"}
+ROW_EVENTS = events.ROWS_ACTIVATED, events.ROWS_LEFT_OUT
 EVENT_LANES = {  # the lane of an event by its kind
     events.Densified.kind: "densify",
     events.Pruned.kind: "prune",
@@ -22,16 +24,7 @@ EVENT_LANES = {  # the lane of an event by its kind
     events.OpacityReset.kind: "reset",
     events.ShDegree.kind: "SH up",
     events.DogActivated.kind: "DoG",
-    events.SlopesActivated.kind: "slopes",
-    events.SlopesLeftOut.kind: "slopes",
-    events.CurvaturesActivated.kind: "slopes",
-    events.CurvaturesLeftOut.kind: "slopes",
-    events.CutsActivated.kind: "cuts",
-    events.CutsLeftOut.kind: "cuts",
-    events.SecondCutsActivated.kind: "cuts",
-    events.SecondCutsLeftOut.kind: "cuts",
-    events.ShiftsActivated.kind: "shifts",
-    events.ShiftsLeftOut.kind: "shifts",
+    **{of_kind[rows].kind: lane for rows, lane in LANES_OF_ROWS.items() for of_kind in ROW_EVENTS},
 }
 
 

@@ -39,7 +39,7 @@ def run_to_end(
                 row |= trainer.losses.take()
             _count_seconds(trainer, tick)
             row |= {"seconds": trainer.seconds, "n": trainer.optimizer.n, "n_dog": trainer.optimizer.n_dog}
-            row |= {name: getattr(trainer.optimizer, name) for name in counted_rows(trainer)}
+            row |= counted_rows(trainer)
             row |= row_of(happened)
             if scheduled or compacted:
                 row |= trainer.test_errors(with_flip=scheduled)
@@ -53,10 +53,10 @@ def run_to_end(
         _count_seconds(trainer, tick)
 
 
-def counted_rows(trainer: Trainer) -> list[str]:
-    """Names of the numbers of rows of ``GIVEN``, each where there are some, or are to be."""
-    recipe, optimizer = trainer.recipe, trainer.optimizer
-    return [f"n_{name}" for name in GIVEN if name in recipe.row_rules or getattr(optimizer, f"n_{name}") > 0]
+def counted_rows(trainer: Trainer) -> dict[str, int]:
+    """Numbers of rows of ``GIVEN``, as models name them, each where there are some, or are to be."""
+    numbers = {name: len(trainer.optimizer.index_of(rows.group)) for name, rows in GIVEN.items()}
+    return {f"n_{name}": n for name, n in numbers.items() if n or name in trainer.recipe.row_rules}
 
 
 def _count_seconds(trainer: Trainer, since: float) -> None:

@@ -15,7 +15,7 @@ COUNTED = {
     "n_second_cuts": "with a second cut",
     "n_shifts": "with shifts",
 }
-"""Kinds of primitives, by the names of their numbers in models, optimizers and files of a run."""
+"""Kinds of primitives, by the names of their numbers in models and files of a run."""
 
 
 def kinds(numbers: Mapping[str, object]) -> str:

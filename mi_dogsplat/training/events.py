@@ -147,39 +147,9 @@ class DogActivated(Event):
 
 @dataclass(frozen=True)
 class RowsActivated(Event):
-    """All ``count`` primitives got rows of a kind, of zeros or next to it."""
+    """All ``count`` primitives got rows of a kind, of zeros or next to it; a class of its own for each kind."""
 
     count: int
-
-
-class SlopesActivated(RowsActivated):
-    """Colours may vary over them."""
-
-    kind, words = "slopes_activated", "slopes activated for {count} primitives"
-
-
-class CurvaturesActivated(RowsActivated):
-    """Their brightness may curve over them."""
-
-    kind, words = "curvatures_activated", "curvatures activated for {count} primitives"
-
-
-class CutsActivated(RowsActivated):
-    """A plane may cut them off."""
-
-    kind, words = "cuts_activated", "cuts activated for {count} primitives"
-
-
-class SecondCutsActivated(RowsActivated):
-    """So may another plane."""
-
-    kind, words = "second_cuts_activated", "second cuts activated for {count} primitives"
-
-
-class ShiftsActivated(RowsActivated):
-    """Their place may depend on the view."""
-
-    kind, words = "shifts_activated", "shifts activated for {count} primitives"
 
 
 @dataclass(frozen=True)
@@ -190,34 +160,17 @@ class RowsLeftOut(Event):
     left: int
 
 
-class SlopesLeftOut(RowsLeftOut):
-    """Slopes."""
-
-    kind, words = "slopes_left_out", "slopes left out: {count}, kept: {left}"
-
-
-class CurvaturesLeftOut(RowsLeftOut):
-    """Curvatures."""
-
-    kind, words = "curvatures_left_out", "curvatures left out: {count}, kept: {left}"
+def _of_each_kind(record: type[Event], did: str, words: str) -> dict[str, type[Any]]:
+    """Classes by kinds of rows, which are named as the fields of ``Recipe`` that are their rules."""
+    kinds = "slopes", "curvatures", "cuts", "second_cuts", "shifts"
+    facts = {rows: {"kind": f"{rows}_{did}", "words": f"{rows.replace('_', ' ')} {words}"} for rows in kinds}
+    return {rows: type(record.__name__, (record,), of_kind) for rows, of_kind in facts.items()}
 
 
-class CutsLeftOut(RowsLeftOut):
-    """Cuts."""
-
-    kind, words = "cuts_left_out", "cuts left out: {count}, kept: {left}"
-
-
-class SecondCutsLeftOut(RowsLeftOut):
-    """Second cuts."""
-
-    kind, words = "second_cuts_left_out", "second cuts left out: {count}, kept: {left}"
-
-
-class ShiftsLeftOut(RowsLeftOut):
-    """Shifts."""
-
-    kind, words = "shifts_left_out", "shifts left out: {count}, kept: {left}"
+ROWS_ACTIVATED: dict[str, type[RowsActivated]] = _of_each_kind(
+    RowsActivated, "activated", "activated for {count} primitives"
+)
+ROWS_LEFT_OUT: dict[str, type[RowsLeftOut]] = _of_each_kind(RowsLeftOut, "left_out", "left out: {count}, kept: {left}")
 
 
 @dataclass(frozen=True)

@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from ..scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SHIFTS, SLOPES
+from .strategy.cut_activation import begun_second_cuts, shown_cuts
+from .strategy.row_activation import GivenRows
+from .strategy.shift_activation import begun_shifts, shown_shifts
+from .strategy.slope_activation import shown_slopes
 
-from ..scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
-from .strategy.cut_activation import CutActivation, CutControl, SecondCutActivation, SecondCutControl
-from .strategy.row_activation import RowActivation, RowControl
-from .strategy.shift_activation import ShiftActivation, ShiftControl
-from .strategy.slope_activation import CurvatureActivation, CurvatureControl, SlopeActivation, SlopeControl
-
-
-class Given(NamedTuple):
-    """Whose rows they are, what gives them, and what leaves them out."""
-
-    group: RowGroup
-    activation: type[RowActivation]
-    control: type[RowControl]
-
-
-GIVEN = {
-    "slopes": Given(SLOPES, SlopeActivation, SlopeControl),
-    "curvatures": Given(CURVATURES, CurvatureActivation, CurvatureControl),
-    "cuts": Given(CUTS, CutActivation, CutControl),
-    "second_cuts": Given(SECOND_CUTS, SecondCutActivation, SecondCutControl),
-    "shifts": Given(SHIFTS, ShiftActivation, ShiftControl),
-}
+KINDS = (
+    GivenRows("slopes", SLOPES, shown_slopes),
+    GivenRows("curvatures", CURVATURES, shown_slopes),
+    GivenRows("cuts", CUTS, shown_cuts),
+    GivenRows("second_cuts", SECOND_CUTS, shown_cuts, begun_second_cuts),
+    GivenRows("shifts", SHIFTS, shown_shifts, begun_shifts),
+)
+GIVEN = {rows.name: rows for rows in KINDS}
 """By the field of ``Recipe`` that is its rule; in the order in which they come."""

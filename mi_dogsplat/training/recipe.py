@@ -22,7 +22,7 @@ from .strategy.densify import Densification
 from .strategy.dog_control import DogActivation, DogControl, DogRule
 from .strategy.prune import Pruning
 from .strategy.quantise import Quantisation
-from .strategy.row_activation import RowRule
+from .strategy.row_activation import RowActivation, RowControl, RowRule
 from .strategy.scheduler import PruningRule
 from .strategy.sh_ramp import ShRamp
 from .strategy.shift_activation import ShiftRule
@@ -210,14 +210,14 @@ class Recipe:
         Raises ``ValueError`` where two of them have one name.
         """
         parts: list[Strategy[Any]] = [DogControl(self.dog)] if self.dog and self.dog.control else []
-        parts += [GIVEN[name].control(rule) for name, rule in self.row_rules.items()]
+        parts += [RowControl(GIVEN[name], rule) for name, rule in self.row_rules.items()]
         parts += [sieve, self.densification, ShRamp(self.sh_every), *self.also]
         if self.pruning and size:
             parts += [Compaction(self.pruning, *size, given=self.given_groups)]
         elif self.pruning and self.score:
             parts += [Pruning(self.pruning, self.score)]
         parts += [DogActivation(self.dog)] if self.dog else []
-        parts += [GIVEN[name].activation(rule) for name, rule in self.row_rules.items()]
+        parts += [RowActivation(GIVEN[name], rule) for name, rule in self.row_rules.items()]
         if self.quantisation:
             room = Room(*size) if size and size[1].name == self.quantisation.format else None
             parts += [replace(self.quantisation, room=room)]

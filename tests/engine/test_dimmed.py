@@ -8,6 +8,8 @@ from mi_dogsplat.engine.dimmed import dimmed
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.scene.sh_basis import sh_basis
 from mi_dogsplat.scene.splats import Splats
+from own_axes_models import CURVED, SLOPED, Kind
+from row_kinds import of_each
 from splat_scenes import random_splats, rounded, to_linear, to_srgb
 
 
@@ -57,40 +59,23 @@ def test_all_of_the_light_leaves_the_bits_and_none_of_it_black(linear):
 
 
 @pytest.mark.parametrize("linear", [True, False], ids=["linear", "sRGB"])
-def test_colours_that_vary_are_dimmed_all_over_their_primitive(linear):
-    """So slopes scale as colours do."""
-    splats = rounded(random_splats(12, degree=0, seed=2, slope_share=0.5))
-    factor = np.random.default_rng(3).uniform(0.05, 1, (12, 3)).astype(np.float32)
-    after = dimmed(upload(splats), [mi.Float(column) for column in factor.T], linear)
-    w = np.random.default_rng(4).uniform(-0.2, 0.2, (50, 3))
+@of_each(SLOPED, CURVED)
+def test_what_varies_is_dimmed_all_over_its_primitive(kind: Kind, linear):
+    """So slopes scale as colours do, and curvatures in grey light: ½ wᵀ Q w is linear in the numbers of a row."""
+    splats = rounded(kind.drawn(0.5, 12, seed=2, degree=0))
+    channels, reach = (3, 0.2) if kind is SLOPED else (1, 0.02)
+    factor = np.random.default_rng(3).uniform(0.05, 1, (12, channels)).astype(np.float32)
+    light = [mi.Float(column) for column in (factor * np.ones(3, np.float32)).T]
+    after = dimmed(upload(splats), light, linear)
+    w = np.random.default_rng(4).uniform(-reach, reach, (50, kind.group.row_size // channels))
 
-    def colors(sh: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        base = sh.reshape(12, 3)[splats.slope_index] * sh_basis(0, 0, 1, 0)[0] + 0.5
-        return base[:, None] + np.einsum("pa,sac->spc", w, slopes.reshape(-1, 3, 3))
+    def colors(sh: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        base = sh.reshape(12, 3)[kind.index(splats)] * sh_basis(0, 0, 1, 0)[0] + 0.5
+        return base[:, None] + np.einsum("pa,sac->spc", w, rows.reshape(-1, w.shape[1], channels))
 
-    before = colors(splats.sh_coeffs.astype(float), splats.color_slopes.astype(float))
-    seen = colors(after["sh_coeffs"].numpy(), after["color_slopes"].numpy())
-    k = factor[splats.slope_index][:, None]
-    expected = before * k if linear else to_srgb(to_linear(np.maximum(before, 0)) * k)
-    bright = linear | ((expected > 0.0405) & (before > 0.0405))
-    assert bright.mean() > 0.5
-    np.testing.assert_allclose(seen[bright], expected[bright], atol=2e-5)
-
-
-@pytest.mark.parametrize("linear", [True, False], ids=["linear", "sRGB"])
-def test_brightness_that_curves_is_dimmed_all_over_its_primitive_by_grey_light(linear):
-    splats = rounded(random_splats(12, degree=0, seed=2, curvature_share=0.5))
-    factor = np.random.default_rng(3).uniform(0.05, 1, 12).astype(np.float32)
-    after = dimmed(upload(splats), [mi.Float(factor)] * 3, linear)
-    more = np.random.default_rng(4).uniform(-0.02, 0.02, (50, 6))  # ½ wᵀ Q w is linear in the numbers of a row
-
-    def colors(sh: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
-        base = sh.reshape(12, 3)[splats.curvature_index] * sh_basis(0, 0, 1, 0)[0] + 0.5
-        return base[:, None] + (curvatures.reshape(-1, 6) @ more.T)[..., None]
-
-    before = colors(splats.sh_coeffs.astype(float), splats.brightness_curvatures.astype(float))
-    seen = colors(after["sh_coeffs"].numpy(), after["brightness_curvatures"].numpy())
-    k = factor[splats.curvature_index][:, None, None]
+    before = colors(splats.sh_coeffs.astype(float), kind.values(splats).astype(float))
+    seen = colors(after["sh_coeffs"].numpy(), after[kind.name].numpy())
+    k = factor[kind.index(splats)][:, None]
     expected = before * k if linear else to_srgb(to_linear(np.maximum(before, 0)) * k)
     bright = linear | ((expected > 0.0405) & (before > 0.0405))
     assert bright.mean() > 0.5

@@ -121,58 +121,22 @@ def test_they_are_within_half_a_step_and_nothing_else_changes(kind, index, dog_s
             np.testing.assert_array_equal(getattr(back, name), array)
 
 
-def test_rows_of_slopes_by_hand():
-    slopes = np.zeros((2, 3, 3))
-    slopes[0, 0, 1], slopes[1, 2, 2] = -1 / 64, 3 / 64  # -log 2 and log 4, each the end of its column
-    plain = rounded(random_splats(600, seed=4, degree=1, dog_share=0))
-    comments, trailer = encode(replace(plain, slope_index=np.array([2, 258]), color_slopes=slopes))
-    assert comments == ["dogsplat slopes 1 3"]
-    low, high = np.array(struct.unpack_from("<18f", trailer)).reshape(2, 9)
-    assert low == pytest.approx([0, -np.log(2), 0, 0, 0, 0, 0, 0, 0], abs=1e-6)
-    assert high == pytest.approx([0, 0, 0, 0, 0, 0, 0, 0, np.log(4)], abs=1e-6)
-    rows = np.frombuffer(trailer, np.uint8, offset=72).reshape(3, 10)
-    assert rows[0].tolist() == [2, 0, 0, 0, 0, 0, 0, 0, 0, 0]
-    assert rows[1, 0] == 255 and rows[2].tolist() == [0, 0, 255, 0, 0, 0, 0, 0, 0, 255]
-
-
-def test_rows_of_curvatures_by_hand():
-    curvatures = np.zeros((2, 6))
-    curvatures[0, 1], curvatures[1, 5] = -1 / 64, 3 / 64  # -log 2 and log 4, each the end of its column
-    rows = {"curvature_index": np.array([2, 258]), "brightness_curvatures": curvatures}
-    comments, trailer = encode(replace(rounded(random_splats(600, dog_share=0)), **rows))
-    assert comments == ["dogsplat curvatures 1 3"]
-    low, high = np.array(struct.unpack_from("<12f", trailer)).reshape(2, 6)
-    assert low == pytest.approx([0, -np.log(2), 0, 0, 0, 0], abs=1e-6)
-    assert high == pytest.approx([0, 0, 0, 0, 0, np.log(4)], abs=1e-6)
-    rows = np.frombuffer(trailer, np.uint8, offset=48).reshape(3, 7)
-    assert rows[0].tolist() == [2, 0, 0, 0, 0, 0, 0]
-    assert rows[1, 0] == 255 and rows[2].tolist() == [0, 0, 255, 0, 0, 0, 255]
-
-
-@of_each(CUT, SECOND_CUT)
-def test_rows_of_cuts_by_hand(kind):
-    normals = np.array([[0, -1, 0], [0, 0, 3.0]])  # -log 2 and log 4, each the end of its column
-    rows = {kind.group.index: np.array([2, 258]), kind.name: normals}
+@of_each(SLOPED, CURVED, CUT, SECOND_CUT, SHIFTED)
+def test_rows_by_hand(kind):
+    """-log 2 and log 4 of units, each the end of its column; behind them the directions of shifts, as they are."""
+    values, n = np.zeros((2, *kind.group.arrays[kind.name])), kind.group.row_size
+    values[0].ravel()[1], values[1].ravel()[-1] = -kind.unit, 3 * kind.unit
+    beside = {name: np.array([[0, -0.25, 0], [0, 0.5, 1]]) for name in kind.group.names[1:]}
+    rows = {kind.group.index: np.array([2, 258]), kind.name: values} | beside
     comments, trailer = encode(replace(rounded(random_splats(600, dog_share=0)), **rows))
     assert comments == [f"dogsplat {kind.word} 1 3"]
-    low, high = np.array(struct.unpack_from("<6f", trailer)).reshape(2, 3)
-    assert low == pytest.approx([0, -np.log(2), 0], abs=1e-6) and high == pytest.approx([0, 0, np.log(4)], abs=1e-6)
-    rows = np.frombuffer(trailer, np.uint8, offset=24).reshape(3, 4)
-    assert rows[0].tolist() == [2, 0, 0, 0] and rows[1, 0] == 255 and rows[2].tolist() == [0, 0, 255, 255]
-
-
-def test_rows_of_shifts_by_hand():
-    shifts, views = np.zeros((2, 3, 3)), np.array([[0, -0.25, 0], [0, 0.5, 1.0]])  # as they are
-    shifts[0, 0, 1], shifts[1, 2, 2] = -1 / 64, 3 / 64  # -log 2 and log 4, each the end of its column
-    rows = {"shift_index": np.array([2, 258]), "view_shifts": shifts, "mean_views": views}
-    comments, trailer = encode(replace(rounded(random_splats(600, dog_share=0)), **rows))
-    assert comments == ["dogsplat shifts 1 3"]
-    low, high = np.array(struct.unpack_from("<24f", trailer)).reshape(2, 12)
-    assert low == pytest.approx([0, -np.log(2), *[0] * 8, -0.25, 0], abs=1e-6)
-    assert high == pytest.approx([*[0] * 8, np.log(4), 0, 0.5, 1], abs=1e-6)
-    rows = np.frombuffer(trailer, np.uint8, offset=96).reshape(3, 13)
-    assert rows[0].tolist() == [2, *[0] * 12] and rows[1, 0] == 255
-    assert rows[2].tolist() == [0, 0, 255, *[0] * 6, 255, 0, 255, 255]
+    low, high = np.array(struct.unpack_from(f"<{2 * n}f", trailer)).reshape(2, n)
+    of_low, of_high, of_row = ([0, -0.25, 0], [0, 0.5, 1], [0, 255, 255]) if beside else ([], [], [])
+    zeros = [0] * (n - len(of_low) - 2)
+    assert low == pytest.approx([0, -np.log(2), *zeros, *of_low], abs=1e-6)
+    assert high == pytest.approx([0, *zeros, np.log(4), *of_high], abs=1e-6)
+    coded = np.frombuffer(trailer, np.uint8, offset=8 * n).reshape(3, 1 + n).tolist()
+    assert coded[0] == [2, *[0] * n] and coded[1][0] == 255 and coded[2] == [0, 0, 255, *zeros[1:], 255, *of_row]
 
 
 def test_mean_views_are_within_half_a_step_of_their_bounds(tmp_path):

@@ -77,7 +77,7 @@ def for_each_kind(name: str, slopes: Any, curvatures: Any, cuts: Any) -> pytest.
     return pytest.mark.parametrize(("kind", name), cases, ids=[kind.word for kind in KINDS])
 
 
-EACH_KIND, EACH_PLANE = of_each(*KINDS), of_each(*PLANE_KINDS)
+EACH_KIND, EACH_PLANE, AND_SHIFTS = of_each(*KINDS), of_each(*PLANE_KINDS), of_each(*KINDS, SHIFTED)
 
 
 def picture(splats: Splats, **others) -> np.ndarray:

@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, device_array, upload
-from mi_dogsplat.reference.rays import RayMeetings, meet
+from mi_dogsplat.reference.rays import RayMeetings, gather, meet, transmittance
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.tracer import SplatTracer
@@ -74,6 +74,17 @@ def decided(splats: Splats, rays: RaySet, **options) -> np.ndarray:
         hidden = np.maximum(hidden, 0)
     T = np.cumprod(1 - hidden, axis=1)
     return ~near & (np.abs(T / 1e-4 - 1).min(axis=1) > MARGIN)
+
+
+def traced_as_the_twin(splats: Splats, rays: RaySet, **options) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(colours [P, 3], transmittance [P], that of shadow rays [P]), those of the twin where they are ``decided``."""
+    sure, tracer, meetings = decided(splats, rays, **options), tracer_of(splats, **options), rays.meet(splats)
+    (colors, T), shadow = gathered(tracer, rays), tracer.transmittance(rays.ray).numpy()
+    expected, expected_T = gather(meetings, **options)
+    np.testing.assert_allclose(colors[sure], expected[sure], atol=2e-5, rtol=1e-4)
+    np.testing.assert_allclose(T[sure], expected_T[sure], atol=2e-6, rtol=1e-4)
+    np.testing.assert_allclose(shadow[sure], transmittance(meetings, **options)[sure], atol=2e-6, rtol=1e-4)
+    return colors, T, shadow
 
 
 def kernels_of_tracing(splats: Splats, rays: RaySet) -> set[str]:

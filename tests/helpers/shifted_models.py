@@ -23,13 +23,11 @@ def places_seen(splats: Splats, views: np.ndarray) -> np.ndarray:
     for row, i in enumerate(splats.shift_index):
         axes = reference.rotations(splats.quats[i : i + 1].astype(np.float64))[0].T  # rows
         scales = np.exp(splats.log_scales[i].astype(np.float64))
-        for k, view in enumerate(views):
-            place = splats.means[i].astype(np.float64)
-            for b, along in enumerate(axes):
-                more = along @ view - splats.mean_views[row, b]
-                for a, axis in enumerate(axes):
-                    place = place + axis * scales[a] * splats.view_shifts[row, a, b] * more
-            places[row, k] = place
+        places[row] = splats.means[i]
+        for b, along in enumerate(axes):
+            more = views @ along - splats.mean_views[row, b]
+            for a, axis in enumerate(axes):
+                places[row] += np.outer(more, axis * scales[a] * splats.view_shifts[row, a, b])
     return places
 
 

@@ -20,8 +20,7 @@ from mi_dogsplat.inspection.model import model_problems
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.wording import file_size
-from own_axes_models import CURVED, CUT, SECOND_CUT, SHIFTED, SLOPED, Kind
-from row_kinds import of_each
+from own_axes_models import CURVED, CUT, PLANE_KINDS, SECOND_CUT, SHIFTED, SLOPED, Kind
 
 
 def healthy(n: int = 200) -> Splats:
@@ -87,33 +86,27 @@ def test_a_mixed_model_is_counted_by_sh_degree_and_its_bytes_by_part(tmp_path):
     assert names == ["primitives", "sh1", "dog"]
 
 
-@of_each(SLOPED, CURVED, SHIFTED)
-def test_slopes_curvatures_and_shifts_are_counted_where_there_are_some(tmp_path, kind: Kind):
-    splats = kind.having(healthy(), every=50)
-    kind.values(splats)[:] = np.linspace(-0.25, 1.75, kind.values(splats).size).reshape(4, *kind.shape)
-    write_ply(tmp_path / "m.ply", splats)
-    lines = describe(tmp_path / "m.ply")
-    assert value_of(lines, "primitives") == f"200, 3 of them DoG, 4 with {kind.word}"
-    assert value_of(lines, kind.word) == "-0.25 to 1.75, median 0.75" and lines[-1] == "problems: none found"
-    write_ply(tmp_path / "rows.ply", splats.with_sh_degrees(np.repeat([0, 1], [150, 50])), "rows")
-    parts = value_of(describe(tmp_path / "rows.ply"), "bytes of").split(", ")
-    assert parts[-1].startswith(f"{kind.word} ") and parts[-2].startswith("dog ")
-
-
 @pytest.mark.parametrize(
-    ("kind", "what", "normals"),
-    [(CUT, "with a cut", "cut normals"), (SECOND_CUT, "with a second cut", "second normals")],
-    ids=["cuts", "second_cuts"],
+    ("kind", "what", "label"),
+    [
+        *((kind, f"with {kind.word}", kind.word) for kind in (SLOPED, CURVED, SHIFTED)),
+        (CUT, "with a cut", "cut normals"),
+        (SECOND_CUT, "with a second cut", "second normals"),
+    ],
+    ids=lambda value: getattr(value, "word", ""),
 )
-def test_cuts_are_counted_where_there_are_some(tmp_path, kind: Kind, what, normals):
-    splats = kind.having(healthy(), every=50)
-    kind.values(splats)[:] = [[3, 4, 0], [0, 0, 2], [0, -8, 6], [0, 12, 5]]
+def test_rows_are_counted_where_there_are_some(tmp_path, kind: Kind, what, label):
+    splats, told = kind.having(healthy(), every=50), "-0.25 to 1.75, median 0.75"
+    kind.values(splats)[:] = np.linspace(-0.25, 1.75, kind.values(splats).size).reshape(4, *kind.shape)
+    if kind in PLANE_KINDS:  # their lengths
+        kind.values(splats)[:], told = [[3, 4, 0], [0, 0, 2], [0, -8, 6], [0, 12, 5]], "2 to 13, median 7.5"
     write_ply(tmp_path / "m.ply", splats)
     lines = describe(tmp_path / "m.ply")
     assert value_of(lines, "primitives") == f"200, 3 of them DoG, 4 {what}"
-    assert value_of(lines, normals) == "2 to 13, median 7.5" and lines[-1] == "problems: none found"
+    assert value_of(lines, label) == told and lines[-1] == "problems: none found"
     write_ply(tmp_path / "rows.ply", splats.with_sh_degrees(np.repeat([0, 1], [150, 50])), "rows")
-    assert value_of(describe(tmp_path / "rows.ply"), "bytes of").split(", ")[-1].startswith(f"{kind.word} ")
+    parts = value_of(describe(tmp_path / "rows.ply"), "bytes of").split(", ")
+    assert parts[-1].startswith(f"{kind.word} ") and parts[-2].startswith("dog ")
 
 
 def test_a_model_without_dog_says_nothing_about_it(tmp_path):

@@ -12,8 +12,7 @@ from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.scene.row_groups import DOG
 from mi_dogsplat.scene.splats import Splats
-from own_axes_models import CURVED, EACH_PLANE, KINDS, PLANE_KINDS, SHIFTED, SLOPED, Kind
-from row_kinds import of_each
+from own_axes_models import AND_SHIFTS, CURVED, PLANE_KINDS, SLOPED, Kind
 from splat_scenes import logit, make_camera, make_splats, random_splats, rounded
 
 CUTOFF = 1 / 255
@@ -36,10 +35,11 @@ def wasteful(seed=0) -> Splats:
 
 
 def varied(kind: Kind) -> Splats:
-    """The same, and every third primitive has slopes, curvatures or shifts, of which each fourth row is zero."""
+    """The same, and every third primitive has rows of a kind, of which each fourth is zero."""
     splats = kind.having(wasteful(), every=3)
     kind.values(splats)[::4] = 0
-    kind.values(splats)[1, 2] = 0  # not all of the row
+    kind.values(splats)[::8] = -0.0
+    kind.values(splats)[1, :2] = 0  # not all of the row
     return splats
 
 
@@ -65,21 +65,25 @@ def test_pictures_keep_their_bits_where_all_dog_have_faded():
         assert np.array_equal(before, after)
 
 
-@of_each(SLOPED, CURVED, SHIFTED)
-def test_zero_slopes_curvatures_and_shifts_leave_and_the_others_keep_the_bits_of_every_picture(kind):
+@AND_SHIFTS
+def test_rows_of_zeros_leave_and_the_others_keep_the_bits_of_every_picture(kind):
+    """But for cuts: a normal of zero makes a factor of 1 to rounding."""
     splats = varied(kind)
     found = Unneeded.of(splats)
     lean, zeros = found.taken_out(splats), found.rows[kind.group]
     seen = kind.index(splats) % 5 != 0  # not faint
+    if kind in PLANE_KINDS:  # which makes one that is nearly seen a little more opaque
+        seen = ~found.invisible[kind.index(splats)]
     assert zeros.tolist() == (seen & (np.arange(27) % 4 == 0)).tolist() and zeros.sum() == 5
     assert kind.n(lean) == seen.sum() - 5
     flat = Unneeded.of(kind.without(splats)).taken_out(kind.without(splats))
+    rounding, change = (1e-6, 1e-3) if kind in PLANE_KINDS else (0, 0)
     for before, after, other in zip(pictures(splats), pictures(lean), pictures(flat), strict=True):
-        assert np.array_equal(before, after) and not np.array_equal(before, other)
+        assert abs(before - after).max() <= rounding and abs(before - other).max() > change
 
 
-@of_each(SLOPED, CURVED, SHIFTED)
-def test_pictures_keep_their_bits_where_all_slopes_curvatures_or_shifts_are_zero(kind):
+@AND_SHIFTS
+def test_pictures_keep_their_bits_where_all_rows_are_zero(kind):
     """The kernels of a model without any are others."""
     splats = varied(kind)
     kind.values(splats)[:] = 0
@@ -87,39 +91,7 @@ def test_pictures_keep_their_bits_where_all_slopes_curvatures_or_shifts_are_zero
     lean = Unneeded.of(splats).taken_out(splats)
     assert kind.n(splats) and not kind.n(lean)
     for before, after in zip(pictures(splats), pictures(lean), strict=True):
-        assert np.array_equal(before, after)
-
-
-def cut_off(kind: Kind) -> Splats:
-    """The same, and a plane cuts off every third primitive, of which each fourth normal is zero."""
-    splats = kind.having(wasteful(), every=3)
-    kind.values(splats)[::4] = 0
-    kind.values(splats)[::8] = -0.0
-    kind.values(splats)[1, :2] = 0  # not all of the row
-    return splats
-
-
-@EACH_PLANE
-def test_cuts_with_normals_of_zero_leave_and_the_others_stay(kind):
-    splats = cut_off(kind)
-    found = Unneeded.of(splats)
-    lean = found.taken_out(splats)
-    seen, zeros = ~found.invisible[kind.index(splats)], found.rows[kind.group]
-    assert zeros.tolist() == (seen & (np.arange(27) % 4 == 0)).tolist() and zeros.sum() >= 5
-    assert kind.n(lean) == seen.sum() - zeros.sum()
-    whole = Unneeded.of(splats.without_cuts()).taken_out(splats.without_cuts())
-    for before, after, other in zip(pictures(splats), pictures(lean), pictures(whole), strict=True):
-        assert abs(before - after).max() < 1e-6 and abs(before - other).max() > 1e-3
-
-
-@EACH_PLANE
-def test_pictures_stay_where_all_cuts_have_normals_of_zero(kind):
-    """The kernels of a model without cuts are others."""
-    splats = replace(cut_off(kind), **{kind.name: np.zeros((27, 3))})
-    lean = Unneeded.of(splats).taken_out(splats)
-    assert kind.n(splats) and not kind.n(lean)
-    for before, after in zip(pictures(splats), pictures(lean), strict=True):
-        assert abs(before - after).max() < 1e-6
+        assert abs(before - after).max() <= (1e-6 if kind in PLANE_KINDS else 0)
 
 
 @pytest.mark.parametrize(
@@ -136,24 +108,16 @@ def test_a_faint_primitive_stays_where_its_cuts_make_it_visible(opacity, shown):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-@of_each(*KINDS, SHIFTED)
+@AND_SHIFTS
 def test_rows_that_are_not_finite_are_drawn_by_no_kernel(value, kind):
-    splats = cut_off(kind) if kind in PLANE_KINDS else varied(kind)
-    kind.values(splats)[2, 1, ...] = value
-    row = int(kind.index(splats)[2])
-    assert row % 5 and Unneeded.of(splats).invisible[row]
-    lean = Unneeded.of(splats).taken_out(splats)
-    for before, after in zip(pictures(splats), pictures(lean), strict=True):
-        assert np.array_equal(before, after)
-
-
-def test_a_mean_view_that_is_not_finite_is_drawn_by_no_kernel():
-    splats = varied(SHIFTED)
-    splats.mean_views[2, 1] = np.nan
-    lean = Unneeded.of(splats).taken_out(splats)
-    assert Unneeded.of(splats).invisible[splats.shift_index[2]]
-    for before, after in zip(pictures(splats), pictures(lean), strict=True):
-        assert np.array_equal(before, after)
+    for name in kind.group.names:
+        splats = varied(kind)
+        getattr(splats, name)[2, 1, ...] = value
+        row = int(kind.index(splats)[2])
+        assert row % 5 and Unneeded.of(splats).invisible[row]
+        lean = Unneeded.of(splats).taken_out(splats)
+        for before, after in zip(pictures(splats), pictures(lean), strict=True):
+            assert np.array_equal(before, after)
 
 
 def test_degrees_of_single_primitives_keep_pictures_to_rounding():
@@ -216,12 +180,9 @@ def test_each_kind_is_named_with_its_number_and_bytes():
         f"DoG without effect: {found.rows[DOG].sum()}, {found.rows[DOG].sum() * 20} bytes",
         f"zero bands of SH degree 2: 64, {64 * 15 * 4 / 1000:.3g} kB",
     ]
-    for kind, size in ((SLOPED, 200), (CURVED, 140)):
-        said = Unneeded.of(varied(kind)).described(varied(kind))
-        assert [line for line in said if kind.word in line] == [f"{kind.word} that are zero: 5, {size} bytes"]
-    for kind in PLANE_KINDS:
-        cuts = [line for line in Unneeded.of(cut_off(kind)).described(cut_off(kind)) if "cuts" in line]
-        assert cuts == [f"{kind.word.replace('_', ' ')} that are zero: 5, 80 bytes"]
+    for kind, size in ((SLOPED, 200), (CURVED, 140), *((plane, 80) for plane in PLANE_KINDS)):
+        said, word = Unneeded.of(varied(kind)).described(varied(kind)), kind.word.replace("_", " ")
+        assert [line for line in said if word in line] == [f"{word} that are zero: 5, {size} bytes"]
     lean = found.taken_out(splats)
     assert Unneeded.of(lean).described(lean) == []
     lean.sh_coeffs[::2, 1:] = 0

@@ -1,4 +1,4 @@
-"""What integrators make of primitives with numbers along their own axes: pictures, derivatives and masks."""
+"""What integrators make of primitives with slopes, curvatures, cuts and shifts: pictures, derivatives and masks."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,11 +18,12 @@ from mi_dogsplat.plugin import splat_integrator
 from mi_dogsplat.plugin.camera_masks import SplatMasks
 from own_axes_models import (
     ADJOINT,
+    AND_SHIFTS,
     CAMERA,
     CURVED,
-    EACH_KIND,
-    EACH_PLANE,
     KINDS,
+    PLANE_KINDS,
+    SHIFTED,
     SLOPED,
     Kind,
     picture,
@@ -31,9 +32,14 @@ from own_axes_models import (
 from row_kinds import of_each
 from splat_scenes import assert_gradients_equal, image_of, options, rasterized, scene_of, to_linear
 
+ALL = *KINDS, SHIFTED
 EACH_KIND_AND_ALL = pytest.mark.parametrize(
-    "kinds", [*((kind,) for kind in KINDS), KINDS], ids=[*(kind.word for kind in KINDS), "all on one primitive"]
+    "kinds", [*((kind,) for kind in ALL), ALL], ids=[*(kind.word for kind in ALL), "all on one primitive"]
 )
+
+
+def names_of(kinds: Sequence[Kind]) -> list[str]:
+    return [name for kind in kinds for name in kind.group.names]
 
 
 def having(kinds: Sequence[Kind], n=12, seed=1) -> Splats:
@@ -44,7 +50,7 @@ def having(kinds: Sequence[Kind], n=12, seed=1) -> Splats:
     return splats
 
 
-@EACH_KIND
+@AND_SHIFTS
 def test_pictures_are_those_of_the_engine(kind: Kind):
     assert np.isin(kind.model.dog_index, kind.index(kind.model)).any()
     ours = picture(kind.model, srgb_primitives=False)
@@ -52,7 +58,7 @@ def test_pictures_are_those_of_the_engine(kind: Kind):
     assert np.abs(ours - picture(kind.without(kind.model), srgb_primitives=False)).max() > 0.05
 
 
-@EACH_KIND
+@AND_SHIFTS
 def test_dogpath_shows_them_to_the_camera_as_dogsplat_does(kind: Kind):
     np.testing.assert_array_equal(picture(kind.model, type="dogpath"), picture(kind.model))
 
@@ -61,7 +67,7 @@ def test_dogpath_shows_them_to_the_camera_as_dogsplat_does(kind: Kind):
 def test_gradients_through_the_film_equal_differences(monkeypatch, kinds: Sequence[Kind]):
     """Without cutoffs: no alpha appears at once where a parameter moves."""
     monkeypatch.setattr(splat_integrator, "RasterOptions", partial(RasterOptions, cutoffs=SMOOTH))
-    of_kinds = {kind.name: 1e-2 for kind in kinds}
+    of_kinds = dict.fromkeys(names_of(kinds), 1e-2)
     names = {**of_kinds, "sh_coeffs": 1e-2, "means": 1e-3, "log_scales": 1e-3, "quats": 1e-3}
     model = having(kinds)
     gradients = film_gradients(scene_of(model, CAMERA), names, ADJOINT)
@@ -92,13 +98,13 @@ def test_gradients_through_the_film_equal_differences(monkeypatch, kinds: Sequen
 @EACH_KIND_AND_ALL
 def test_gradients_with_cutoffs_equal_differences_in_float64(kinds: Sequence[Kind]):
     splats, adjoint = having(kinds, 10, seed=4), ADJOINT.astype(np.float32)
-    got = film_gradients(scene_of(splats, CAMERA), (*RAW, *RAW_DOG, *(kind.name for kind in kinds)), ADJOINT)
+    got = film_gradients(scene_of(splats, CAMERA), (*RAW, *RAW_DOG, *names_of(kinds)), ADJOINT)
     image, step = reference.render(splats, CAMERA)[0], 1e-6
     curve = (to_linear(image + step) - to_linear(image - step)) / (2 * step)
     assert_gradients_equal(got, reference.loss_gradients(splats, CAMERA, adjoint * curve, smooth=False, eps=1e-7))
 
 
-@EACH_KIND
+@AND_SHIFTS
 def test_adam_finds_them(kind: Kind):
     """From zeros, as training starts.
 
@@ -127,8 +133,8 @@ def test_holdouts_are_black_and_cover_as_much_as_those_of_one_colour(kind: Kind,
     np.testing.assert_array_equal(masks.hole(shown, camera, seen, None), masks.hole(without, camera, seen, None))
 
 
-@EACH_PLANE
-def test_holdouts_that_are_cut_off_cover_what_is_left_of_them(kind: Kind):
+@of_each(*PLANE_KINDS, SHIFTED)
+def test_holdouts_that_are_cut_off_or_seen_elsewhere_cover_what_pictures_show(kind: Kind):
     model, camera = kind.model, DeviceCamera.upload(CAMERA)
     everything = mi.Bool(np.ones(12, bool))
     masks = SplatMasks(mi.Bool(np.zeros(12, bool)), everything, True)

@@ -1,4 +1,4 @@
-"""The shape with what primitives have along their own axes, slopes, curvatures and cuts: in, changed, moved and out."""
+"""The shape with what primitives may have, slopes, curvatures, cuts and shifts: in, changed, moved and out."""
 
 from dataclasses import replace
 from functools import partial
@@ -19,11 +19,12 @@ from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.scene.whole import whole
 from own_axes_models import (
     ADJOINT,
+    AND_SHIFTS,
     CAMERA,
     CUT,
-    EACH_KIND,
     PLANE_KINDS,
     SECOND_CUT,
+    SHIFTED,
     Kind,
     picture,
     traversed,
@@ -31,19 +32,20 @@ from own_axes_models import (
 from splat_scenes import axis_rotation, dog_dict, random_splats, scalar_transform, scene_of
 
 
-@EACH_KIND
+@AND_SHIFTS
 @pytest.mark.parametrize("source", ["tensors", "file"])
 def test_they_go_in_are_seen_and_come_out(tmp_path, kind: Kind, source):
-    model, index, name = kind.model, kind.group.index, kind.name
+    model, index, names = kind.model, kind.group.index, kind.group.names
     write_ply(tmp_path / "model.ply", model)
     file = {"type": "dog", "filename": str(tmp_path / "model.ply")}
     shape: Any = mi.load_dict(file if source == "file" else dog_dict(model))
     params: Any = mi.traverse(shape)
-    assert set(params.keys()) == {*RAW, *RAW_DOG, "dog_index", name, index, "to_world"}
-    assert params[name].shape == kind.values(model).shape
-    assert params.flags(name) == mi.ParamFlags.Differentiable
+    assert set(params.keys()) == {*RAW, *RAW_DOG, "dog_index", *names, index, "to_world"}
+    for name in names:
+        assert params[name].shape == getattr(model, name).shape
+        assert params.flags(name) == mi.ParamFlags.Differentiable
     assert params.flags(index) == mi.ParamFlags.NonDifferentiable
-    for key in (index, name):
+    for key in (index, *names):
         np.testing.assert_array_equal(getattr(shape.to_splats(), key), getattr(model, key))
     assert f"{kind.word} = {len(kind.index(model))}" in str(shape)
     assert kind.word not in str(mi.load_dict(dog_dict(kind.without(kind.model))))
@@ -52,30 +54,26 @@ def test_they_go_in_are_seen_and_come_out(tmp_path, kind: Kind, source):
     np.testing.assert_array_equal(shape.parameters[kind.group.row].numpy(), given[kind.group.row].numpy())
 
 
-@EACH_KIND
+@AND_SHIFTS
 def test_updates_change_values_and_rows_and_may_leave_none(kind: Kind):
-    model, values, index = kind.model, f"splats.{kind.name}", f"splats.{kind.group.index}"
+    model, index = kind.model, kind.group.index
+    values = {name: getattr(model, name) for name in kind.group.names}
     scene, params = traversed(model)
-    params[values] = params[values] * 2
+    for name in values:
+        params[f"splats.{name}"] = params[f"splats.{name}"] * 2
     params.update()
-    doubled = replace(model, **{kind.name: 2 * kind.values(model)})
+    doubled = replace(model, **{name: 2 * rows for name, rows in values.items()})
     np.testing.assert_allclose(mi.render(scene).numpy(), picture(doubled), atol=1e-6)
-
-    two = kind.values(model)[:2]
-    params[index] = mi.UInt32([2, 9])
-    params[values] = mi.TensorXf(two)
-    params.update()
-    others = replace(model, **{kind.group.index: [2, 9], kind.name: two})
-    np.testing.assert_array_equal(mi.render(scene).numpy(), picture(others))
-
-    params[index] = dr.zeros(mi.UInt32, 0)
-    params[values] = mi.TensorXf(two[:0])
-    params.update()
-    none = replace(model, **{kind.group.index: [], kind.name: two[:0]})
-    np.testing.assert_array_equal(mi.render(scene).numpy(), picture(none))
+    for rows in ([2, 9], []):
+        given = {name: of_model[: len(rows)] for name, of_model in values.items()}
+        params[f"splats.{index}"] = mi.UInt32(rows)
+        for name, of_rows in given.items():
+            params[f"splats.{name}"] = mi.TensorXf(of_rows)
+        params.update()
+        np.testing.assert_array_equal(mi.render(scene).numpy(), picture(replace(model, **{index: rows}, **given)))
 
 
-@EACH_KIND
+@AND_SHIFTS
 def test_a_primitive_may_have_them_and_any_sh_degree(kind: Kind):
     """A group along their own axes is no group of an SH degree."""
     model, index = kind.model, f"splats.{kind.group.index}"
@@ -94,22 +92,23 @@ def test_a_primitive_may_have_them_and_any_sh_degree(kind: Kind):
     np.testing.assert_allclose(mi.render(scene).numpy(), picture(mixed.uniform_sh()), rtol=1e-5, atol=1e-5)
 
 
-@EACH_KIND
+@AND_SHIFTS
 def test_shapes_with_and_without_are_drawn_as_one_model(kind: Kind):
     parts = [kind.without(kind.random(9, seed=3)), kind.model, kind.random(8, seed=5)]
     scene = scene_of(parts[0], CAMERA, extra={f"tail_{k}": dog_dict(part) for k, part in enumerate(parts[1:])})
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in (*RAW, *RAW_DOG, kind.name)}
+    names = *RAW, *RAW_DOG, *kind.group.names
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     for name in ("dog_index", kind.group.index):
         joined[name] = np.concatenate([getattr(p, name) + first for p, first in zip(parts, (0, 9, 21), strict=True)])
     np.testing.assert_allclose(mi.render(scene).numpy(), picture(Splats(**joined)), atol=1e-5)
 
 
-@EACH_KIND
+@AND_SHIFTS
 @pytest.mark.parametrize("mirror", [False, True], ids=["turned", "mirrored"])
 def test_a_moved_shape_takes_them_along(kind: Kind, mirror):
     turn = axis_rotation([1, 2, -1], 0.4)[0] @ np.diag([1, -1 if mirror else 1, 1])
     matrix: Any = affine(1.2 * turn, (0.1, 0.2, 0.5))
-    model, name = kind.model, f"splats.{kind.name}"
+    model, names = kind.model, kind.group.names
     expected = transformed(model, matrix)
     scene, params = traversed(model)
     params["splats.to_world"] = mi.Transform4f(matrix)
@@ -119,20 +118,20 @@ def test_a_moved_shape_takes_them_along(kind: Kind, mirror):
     assert np.abs(images[2] - picture(kind.without(expected))).max() > 100 * tolerance
     for image in images[:2]:
         np.testing.assert_allclose(image, images[2], atol=tolerance)
-    np.testing.assert_allclose(kind.values(scene.shapes()[0].to_splats()), kind.values(expected), atol=1e-6)
-    dr.enable_grad(params[name])
-    params.update()
-    image = mi.render(scene, params)
-    dr.backward(dr.sum(image * mi.TensorXf(ADJOINT.astype(np.float32))))
-    at_rest, of_moved = traversed(expected)
-    dr.enable_grad(of_moved[name])
-    of_moved.update()
-    dr.backward(dr.sum(mi.render(at_rest, of_moved) * mi.TensorXf(ADJOINT.astype(np.float32))))
-    gradient = dr.grad(of_moved[name]).numpy() * (-1 if mirror and kind.name in ALONG_AXES else 1)
-    np.testing.assert_allclose(dr.grad(params[name]).numpy(), gradient, atol=1e-3)
+    found, gradients = scene.shapes()[0].to_splats(), []
+    for of_scene, of_params in ((scene, params), traversed(expected)):
+        dr.enable_grad([of_params[f"splats.{name}"] for name in names])
+        of_params.update()
+        dr.backward(dr.sum(mi.render(of_scene, of_params) * mi.TensorXf(ADJOINT.astype(np.float32))))
+        gradients.append([dr.grad(of_params[f"splats.{name}"]).numpy() for name in names])
+    assert np.abs(gradients[1][0]).max() > 0.05
+    for name, of_moved, at_rest in zip(names, *gradients, strict=True):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-6)
+        sign = -1 if mirror and name in (*ALONG_AXES, "mean_views") else 1
+        np.testing.assert_allclose(of_moved, sign * at_rest, atol=1e-3)
 
 
-@EACH_KIND
+@AND_SHIFTS
 @pytest.mark.parametrize("mirror", [False, True], ids=["turned", "mirrored"])
 def test_derivatives_by_to_world_are_those_of_differences(monkeypatch, kind: Kind, mirror):
     """Without cutoffs: no alpha appears at once where the shape moves."""
@@ -156,14 +155,14 @@ def test_derivatives_by_to_world_are_those_of_differences(monkeypatch, kind: Kin
     assert dr.grad(θ)[0] == pytest.approx(expected, rel=0.01)
 
 
-@EACH_KIND
+@AND_SHIFTS
 def test_ellipsoids_are_without_them_and_that_is_said(capfd, kind: Kind):
     model = kind.model.plain()
     instead = whole(model) if kind in PLANE_KINDS else kind.without(model)
     got, expected = to_ellipsoids(model), to_ellipsoids(instead)
     word = "cuts" if kind in PLANE_KINDS else kind.word
     assert f"left out the {word} of {len(kind.index(model))} primitives" in "".join(capfd.readouterr())
-    for name in ("centers", "scales", "opacities", "sh_coeffs"):
+    for name in ("centers", "scales", "quaternions", "opacities", "sh_coeffs"):
         np.testing.assert_array_equal(got[name].numpy(), expected[name].numpy())
 
 
@@ -174,7 +173,7 @@ def test_ellipsoids_say_once_of_a_primitive_that_both_planes_cut_it_off(capfd):
     assert "the cuts of 8 primitives" in "".join(capfd.readouterr())
 
 
-@EACH_KIND
+@AND_SHIFTS
 def test_primitives_with_values_that_are_not_finite_are_no_ellipsoids(kind: Kind):
     model, index = kind.model, kind.index(kind.model)
     broken = replace(model, **{"log_scales": model.log_scales.copy(), kind.name: kind.values(model).copy()})
@@ -186,7 +185,7 @@ def test_primitives_with_values_that_are_not_finite_are_no_ellipsoids(kind: Kind
             np.testing.assert_array_equal(to_ellipsoids(broken)[name].numpy(), values.numpy())
 
 
-@EACH_KIND
+@AND_SHIFTS
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
@@ -207,9 +206,19 @@ def test_updates_that_do_not_fit_are_refused(kind: Kind, changes, problem):
         params.update()
 
 
-@EACH_KIND
-def test_tensors_that_do_not_fit_are_refused_at_load(kind: Kind):
-    short = {**dog_dict(kind.model), kind.name: mi.TensorXf(kind.values(kind.model)[:1])}
-    problem = f'"{kind.name}" has 1 row, "{kind.group.index}" has {len(kind.index(kind.model))}'
-    with pytest.raises(RuntimeError, match=problem):
-        mi.load_dict(short)
+@AND_SHIFTS
+def test_tensors_that_are_missing_or_do_not_fit_are_refused_at_load(kind: Kind):
+    given, index = dog_dict(kind.model), kind.group.index
+    for name in kind.group.names:
+        short = given | {name: mi.TensorXf(getattr(kind.model, name)[:1])}
+        missing = {other: values for other, values in given.items() if other != name}
+        for wrong, rows in ((short, "1 row"), (missing, "0 rows")):
+            with pytest.raises(RuntimeError, match=f'"{name}" has {rows}, "{index}" has {len(kind.index(kind.model))}'):
+                mi.load_dict(wrong)
+
+
+def test_an_update_of_the_second_array_of_shifts_that_does_not_fit_is_refused():
+    params: Any = mi.traverse(mi.load_dict(dog_dict(SHIFTED.model)))
+    params["mean_views"] = mi.TensorXf(np.zeros((5, 3), np.float32))
+    with pytest.raises(RuntimeError, match=r'"mean_views" has shape \(5, 3\), expected \(6, 3\) to match'):
+        params.update()

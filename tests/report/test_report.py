@@ -15,22 +15,14 @@ from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support import pictures
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.events import (
-    CurvaturesActivated,
-    CurvaturesLeftOut,
-    CutsActivated,
-    CutsLeftOut,
+    ROWS_ACTIVATED,
+    ROWS_LEFT_OUT,
     Densified,
     DogActivated,
     Event,
     OpacityReset,
     Pruned,
-    SecondCutsActivated,
-    SecondCutsLeftOut,
     ShDegree,
-    ShiftsActivated,
-    ShiftsLeftOut,
-    SlopesActivated,
-    SlopesLeftOut,
     row_of,
 )
 from PIL import Image
@@ -150,24 +142,24 @@ def test_every_kind_of_event_has_its_lane(run):
 
 
 @pytest.mark.parametrize(
-    ("lane", "events", "counted", "words"),
+    ("lane", "rows", "counted", "words"),
     [
-        ("slopes", [SlopesActivated(7), SlopesLeftOut(2, 5)], {"n_slopes": 5432}, "5,432 with slopes"),
-        ("slopes", [CurvaturesActivated(7), CurvaturesLeftOut(2, 5)], {"n_curvatures": 4}, "4 with curvatures"),
-        ("slopes", [CurvaturesActivated(7)], {"n_slopes": 9, "n_curvatures": 8}, "9 with slopes, 8 with curvatures"),
-        ("cuts", [CutsActivated(7), CutsLeftOut(2, 5)], {"n_cuts": 3210}, "3,210 with a cut"),
-        ("cuts", [CutsActivated(7)], {"n_slopes": 9, "n_cuts": 8}, "9 with slopes, 8 with a cut"),
-        ("cuts", [SecondCutsActivated(7), SecondCutsLeftOut(2, 5)], {"n_second_cuts": 3}, "3 with a second cut"),
-        ("cuts", [SecondCutsActivated(7)], {"n_cuts": 8, "n_second_cuts": 6}, "8 with a cut, 6 with a second cut"),
-        ("shifts", [ShiftsActivated(7), ShiftsLeftOut(2, 5)], {"n_shifts": 5}, "5 with shifts"),
+        ("slopes", "slopes", {"n_slopes": 5432}, "5,432 with slopes"),
+        ("slopes", "curvatures", {"n_curvatures": 4}, "4 with curvatures"),
+        ("slopes", "curvatures", {"n_slopes": 9, "n_curvatures": 8}, "9 with slopes, 8 with curvatures"),
+        ("cuts", "cuts", {"n_cuts": 3210}, "3,210 with a cut"),
+        ("cuts", "cuts", {"n_slopes": 9, "n_cuts": 8}, "9 with slopes, 8 with a cut"),
+        ("cuts", "second_cuts", {"n_second_cuts": 3}, "3 with a second cut"),
+        ("cuts", "second_cuts", {"n_cuts": 8, "n_second_cuts": 6}, "8 with a cut, 6 with a second cut"),
+        ("shifts", "shifts", {"n_shifts": 5}, "5 with shifts"),
     ],
 )
-def test_rows_have_a_lane_and_are_counted_where_a_run_gives_them(run, lane, events, counted, words):
+def test_rows_have_a_lane_and_are_counted_where_a_run_gives_them(run, lane, rows, counted, words):
     before = text_of(write_report(run))
     kinds = "slopes", "curvatures", "a cut", "shifts"
     assert f">{lane}</text>" not in before and not any(word in before for word in kinds)
     history = history_of(run)
-    history[-1] |= row_of(events)
+    history[-1] |= row_of([ROWS_ACTIVATED[rows](7), ROWS_LEFT_OUT[rows](2, 5)])
     (run / "history.jsonl").write_text("".join(json.dumps(row) + "\n" for row in history))
     (run / "metrics.json").write_text(json.dumps(METRICS | counted))
     html = text_of(write_report(run))

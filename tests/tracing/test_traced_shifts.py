@@ -6,14 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.engine.parameters import concatenate, upload
-from mi_dogsplat.reference import rays as twin
+from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.tracing.bounds import bounds_of
-from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.primitives import primitives_of
-from mi_dogsplat.tracing.tracer import SplatTracer
-from own_axes_models import KINDS
-from ray_sets import decided, gathered, kernels_of_tracing, random_rays, ray_set, tracer_of
+from ray_sets import decided, gathered, random_rays, ray_set, traced_as_the_twin, tracer_of
 from same_numbers import assert_same_numbers
 from shifted_models import places_seen, standing, with_shifts
 from splat_scenes import make_splats, random_splats, rounded
@@ -59,13 +55,7 @@ def test_colours_and_shadows_are_those_of_the_twin(negative_transmittance, share
     splats = rounded(random_splats(200, 1, 3, 0.5, share, share, share, share, shift_share=0.5))
     assert np.isin(splats.dog_index, splats.shift_index).any() and splats.n_shifts < 120
     rays, options = random_rays(250, seed=2), {"negative_transmittance": negative_transmittance}
-    sure, tracer = decided(splats, rays, **options), tracer_of(splats, **options)
-    colors, T = gathered(tracer, rays)
-    expected, expected_T = twin.gather(rays.meet(splats), **options)
-    np.testing.assert_allclose(colors[sure], expected[sure], atol=2e-5, rtol=1e-4)
-    np.testing.assert_allclose(T[sure], expected_T[sure], atol=2e-6, rtol=1e-4)
-    shadow, of_twin = tracer.transmittance(rays.ray).numpy(), twin.transmittance(rays.meet(splats), **options)
-    np.testing.assert_allclose(shadow[sure], of_twin[sure], atol=2e-6, rtol=1e-4)
+    colors, _, _ = traced_as_the_twin(splats, rays, **options)
     assert np.abs(colors - gathered(tracer_of(splats.without_shifts(), **options), rays)[0]).max() > 0.1
 
 
@@ -114,42 +104,6 @@ def test_no_shift_at_all_and_a_view_along_the_mean_one_change_nothing():
     sure = decided(splats.without_shifts(), rays)
     for a, b in zip(gathered(tracer_of(splats), rays), gathered(tracer_of(splats.without_shifts()), rays), strict=True):
         np.testing.assert_allclose(a[sure], b[sure], atol=2e-5)
-
-
-def test_a_model_without_them_beside_one_with_them():
-    before, after = (rounded(random_splats(20, seed, 1)) for seed in (11, 13))
-    parts = [before, with_shifts(random_splats(20, 12, 1)), after]
-    params, _ = concatenate([upload(part) for part in parts], [4, 4, 4])
-    rays = random_rays(150, seed=14)
-    colors, T = gathered(SplatTracer(params, TraceOptions(1)), rays)
-    joined = parts[0].joined(*parts[1:])
-    sure, (expected, expected_T) = decided(joined, rays), twin.gather(rays.meet(joined))
-    np.testing.assert_allclose(colors[sure], expected[sure], atol=2e-5, rtol=1e-4)
-    np.testing.assert_allclose(T[sure], expected_T[sure], atol=2e-6, rtol=1e-4)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-@pytest.mark.parametrize(("name", "place"), [("view_shifts", (2, 1, 0)), ("mean_views", (2, 1))])
-def test_a_primitive_whose_values_are_not_finite_is_not_drawn(name, place, value):
-    splats = with_shifts(random_splats(20, seed=15))
-    values = getattr(splats, name).copy()
-    values[place] = value
-    broken, rest = replace(splats, **{name: values}), splats.select(np.delete(np.arange(20), splats.shift_index[2]))
-    rays = random_rays(100, seed=16)
-    for a, b in zip(gathered(tracer_of(broken), rays), gathered(tracer_of(rest), rays), strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-6)
-
-
-@pytest.mark.parametrize("kinds", [(), KINDS], ids=["alone", "beside all else"])
-def test_a_model_without_them_has_the_kernels_of_one_that_never_had_any(kinds):
-    never = rounded(random_splats(40, seed=17, degree=1))
-    for kind in kinds:
-        never = kind.having(never)
-    rays = random_rays(100, seed=18)
-
-    having = with_shifts(never)
-    assert kernels_of_tracing(having.without_shifts(), rays) == kernels_of_tracing(never, rays)
-    assert kernels_of_tracing(having, rays) != kernels_of_tracing(never, rays)
 
 
 def test_primitives_that_stay_have_the_bits_of_a_model_without_shifts():

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ...engine.parameters import RAW_OF_GROUPS
-from ..milestones import scaled_milestone
+from ..milestones import FromStep
 from .preconditioning import Preconditioning
 from .sh_rows import SH_INDEX
 
@@ -14,7 +14,7 @@ FEW_VIEWS = 50  # up to which view-dependent colour has no factor of its own: do
 
 
 @dataclass(frozen=True)
-class Refinement:
+class Refinement(FromStep):
     """Larger step sizes from pruning on, ours: few primitives have far to go, to where many were
     (docs/experiments/step_sizes.md).
 
@@ -33,14 +33,6 @@ class Refinement:
     few: int | None = None  # primitives, up to which that holds, and above which it falls; None: it never does
     sh_gain: float = 1.0  # of SH above degree 0 where views are many
     growth_gain: float = 1.0  # of all, before the start
-
-    def scaled(self, factor: float) -> Refinement:
-        """The rule of a run ``factor`` times as long."""
-        return replace(self, start=scaled_milestone(self.start, factor))
-
-    def earlier(self, steps: int) -> Refinement:
-        """The rule with a start that many steps earlier."""
-        return replace(self, start=max(0, self.start - steps))
 
     def factor(self, name: str, step: int, total_steps: int, views: int, n: int) -> float:
         """On the step size of a parameter, with that many training views and ``n`` primitives."""

@@ -25,7 +25,7 @@ import numpy as np
 
 from ...engine.arrays import detached
 from ...scene.row_groups import DOG, PLANES, RowGroup
-from ..milestones import scaled_milestone
+from ..milestones import FromStep
 from .adam import Entry, biases
 from .joint_steps import JointArray, Numbers, joint_steps
 from .triangles import n_pairs, to_host, upload
@@ -40,7 +40,7 @@ PRODUCTS = "products of "  # and names of arrays: that part of a state
 
 
 @dataclass(frozen=True)
-class Preconditioning:
+class Preconditioning(FromStep):
     """The rule, ours. Its numbers were chosen on validation views (docs/preconditioning.md).
 
     Raises ``ValueError`` for a number out of range.
@@ -59,14 +59,6 @@ class Preconditioning:
                 raise ValueError(f"Preconditioning: {name} is {getattr(self, name)}, expected a positive number")
         if not 0 <= self.memory < 1:
             raise ValueError(f"Preconditioning: memory is {self.memory}, expected a part below 1")
-
-    def scaled(self, factor: float) -> Preconditioning:
-        """The rule of a run ``factor`` times as long."""
-        return replace(self, start=scaled_milestone(self.start, factor))
-
-    def earlier(self, steps: int) -> Preconditioning:
-        """The rule with a start that many steps earlier."""
-        return replace(self, start=max(0, self.start - steps))
 
 
 def n_products(groups: Collection[RowGroup]) -> int:

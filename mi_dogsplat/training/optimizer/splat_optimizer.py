@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import mitsuba as mi
 import numpy as np
 
-from ...scene.row_groups import CURVATURES, CUTS, DOG, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
+from ...scene.row_groups import DOG, SH, RowGroup
 from ...scene.splats import Splats
 from ..images.tone_curve import ToneCurve
 from .adam import Moved, gather
@@ -88,31 +88,6 @@ class SplatOptimizer(TrainedArrays):
     def dog_index(self) -> np.ndarray:
         """[M] which primitives are DoG, those included that have been dropped since ``n_dog`` was asked for."""
         return self.index_of(DOG)
-
-    @property
-    def n_slopes(self) -> int:
-        """Number of primitives whose colour varies over them."""
-        return len(self.index_of(SLOPES))
-
-    @property
-    def n_curvatures(self) -> int:
-        """Number of primitives whose brightness curves over them."""
-        return len(self.index_of(CURVATURES))
-
-    @property
-    def n_cuts(self) -> int:
-        """Number of primitives that a plane cuts off."""
-        return len(self.index_of(CUTS))
-
-    @property
-    def n_second_cuts(self) -> int:
-        """Number of primitives that a second plane cuts off."""
-        return len(self.index_of(SECOND_CUTS))
-
-    @property
-    def n_shifts(self) -> int:
-        """Number of primitives whose place depends on the view."""
-        return len(self.index_of(SHIFTS))
 
     def index_of(self, group: RowGroup) -> np.ndarray:
         """[M] which primitives have a row of a group: of DoG, of slopes and so on."""

@@ -9,10 +9,9 @@ import numpy as np
 
 from ...scene.cuts import LARGEST, OFFSET
 from ...scene.opacity import sigmoid
-from ...scene.row_groups import CUTS, PLANES, SECOND_CUTS, RowGroup
-from ..events import CutsActivated, CutsLeftOut, SecondCutsActivated, SecondCutsLeftOut
+from ...scene.row_groups import PLANES, SECOND_CUTS, RowGroup
 from ..optimizer.splat_optimizer import SplatOptimizer
-from .row_activation import RowActivation, RowControl, RowRule
+from .row_activation import RowRule
 from .strategy import Training
 
 BEGUN = 0.05  # standard deviation of each number of a second normal at the start; no α changes by more than 1/255
@@ -63,36 +62,7 @@ def shown_cuts(rule: RowRule, optimizer: SplatOptimizer, plane: RowGroup) -> np.
     return opacities * largest_change(lengths) * LARGEST**others >= rule.least
 
 
-@dataclass(frozen=True)
-class CutControl(RowControl):
-    """Cuts that no pixel shows go at the end."""
-
-    group, left_out = CUTS, CutsLeftOut
-
-    def shown(self, optimizer: SplatOptimizer) -> np.ndarray:
-        return shown_cuts(self.rule, optimizer, self.group)
-
-
-@dataclass(frozen=True)
-class SecondCutControl(CutControl):
-    """So do those of the second planes."""
-
-    group, left_out = SECOND_CUTS, SecondCutsLeftOut
-
-
-@dataclass(frozen=True)
-class CutActivation(RowActivation):
-    """A plane may cut off every primitive."""
-
-    group, activated = CUTS, CutsActivated
-
-
-@dataclass(frozen=True)
-class SecondCutActivation(CutActivation):
-    """A second plane may. Its normal begins at random: two planes that begin alike would stay alike."""
-
-    group, activated = SECOND_CUTS, SecondCutsActivated
-
-    def begun(self, t: Training) -> Mapping[str, np.ndarray]:
-        (name,) = self.group.names
-        return {name: t.rng.normal(scale=BEGUN, size=(t.optimizer.n, 3)).astype(np.float32)}
+def begun_second_cuts(t: Training) -> Mapping[str, np.ndarray]:
+    """Second normals begin at random: two planes that begin alike would stay alike."""
+    (name,) = SECOND_CUTS.names
+    return {name: t.rng.normal(scale=BEGUN, size=(t.optimizer.n, 3)).astype(np.float32)}

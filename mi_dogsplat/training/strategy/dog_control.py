@@ -8,7 +8,7 @@ pixel can show, or is not a number any more, turn into plain Gaussians, which co
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -17,7 +17,7 @@ import numpy as np
 from ...engine.activations import softplus
 from ...engine.rows import NO_ROW
 from ..events import DogActivated, Event
-from ..milestones import scaled_milestone
+from ..milestones import FromStep
 from ..optimizer.splat_optimizer import SplatOptimizer
 from .once import Once
 from .strategy import Strategy, Training
@@ -26,7 +26,7 @@ MAX_LOG_SCALE = 14.0  # of S_p, world units; beyond, the determinant of a screen
 
 
 @dataclass(frozen=True)
-class DogRule:
+class DogRule(FromStep):
     """Numbers of the recipe, for a run of 30,000 steps; the start is the released code's.
 
     Raises ``ValueError`` for a number out of range.
@@ -47,14 +47,6 @@ class DogRule:
             raise ValueError(f"DogRule: start is {self.start}, expected a step")
         if not np.all((np.asarray(self.scale) > 0) & np.isfinite(self.scale)):
             raise ValueError(f"DogRule: scale (F) is {self.scale}, expected F > 0")
-
-    def scaled(self, factor: float) -> DogRule:
-        """The rule of a run ``factor`` times as long."""
-        return replace(self, start=scaled_milestone(self.start, factor))
-
-    def earlier(self, steps: int) -> DogRule:
-        """The rule with a start that many steps earlier."""
-        return replace(self, start=max(0, self.start - steps))
 
 
 def activate(rule: DogRule, optimizer: SplatOptimizer) -> int:

@@ -31,7 +31,7 @@ from ...engine.device_camera import DeviceCamera, Nudge
 from ...engine.parameters import device_array
 from ...scene.camera_motions import common_motions, motion_gradient, moved_w2c, preconditioners, without_common
 from ..events import Event, PosesRefined
-from ..milestones import scaled_milestone
+from ..milestones import FromStep
 from .strategy import Seen, Strategy, Training
 
 FLATTEST = 0.1  # slope of a photograph: one that is flatter says nothing of its pose
@@ -52,7 +52,7 @@ class Poses:
 
 
 @dataclass(frozen=True)
-class PoseRefinement(Strategy[Poses]):
+class PoseRefinement(FromStep, Strategy[Poses]):
     """Step sizes are parts of the picture's longer side: how far a picture moves if every pixel asks for it.
 
     They fall log-linearly. Their sum is given, not each: poses then come as far in a few turns through many views as
@@ -66,12 +66,6 @@ class PoseRefinement(Strategy[Poses]):
     pull: float = 0.01  # of a motion that each step takes back, at the first step size
     quiet: float = 0.2  # of a gradient in units of the picture: so much is asked for where poses are right, too
     memory: float = 0.8  # of the mean of the gradients, from turn to turn
-
-    def scaled(self, factor: float) -> PoseRefinement:
-        return replace(self, start=scaled_milestone(self.start, factor))
-
-    def earlier(self, steps: int) -> PoseRefinement:
-        return replace(self, start=max(0, self.start - steps))
 
     def new_state(self, t: Training) -> Poses:
         given = np.array([view.camera.w2c for view in t.photographs.originals])

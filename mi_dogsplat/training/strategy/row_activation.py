@@ -6,24 +6,22 @@ primitives, each of which stands for what several have shown before, gain most b
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar, TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from ...scene.row_groups import RowGroup
-from ..events import Event, RowsActivated, RowsLeftOut
-from ..milestones import scaled_milestone
+from ..events import ROWS_ACTIVATED, ROWS_LEFT_OUT, Event
+from ..milestones import FromStep
 from ..optimizer.splat_optimizer import SplatOptimizer
 from .once import Once
 from .strategy import Strategy, Training
 
-R = TypeVar("R", bound="RowRule")
-
 
 @dataclass(frozen=True)
-class RowRule:
+class RowRule(FromStep):
     """Numbers of the recipe, for a run of 30,000 steps.
 
     Raises ``ValueError`` for a number out of range.
@@ -39,14 +37,6 @@ class RowRule:
             raise ValueError(f"{type(self).__name__}: start is {self.start}, expected a step")
         if not 0 <= self.least < np.inf:
             raise ValueError(f"{type(self).__name__}: least is {self.least}, expected a change of {self.least_of}")
-
-    def scaled(self: R, factor: float) -> R:
-        """The rule of a run ``factor`` times as long."""
-        return replace(self, start=scaled_milestone(self.start, factor))
-
-    def earlier(self: R, steps: int) -> R:
-        """The rule of a run that begins ``steps`` steps later."""
-        return replace(self, start=max(0, self.start - steps))
 
 
 def give_rows(optimizer: SplatOptimizer, group: RowGroup, begun: Mapping[str, np.ndarray] | None = None) -> int:
@@ -66,45 +56,62 @@ def give_rows(optimizer: SplatOptimizer, group: RowGroup, begun: Mapping[str, np
 
 
 @dataclass(frozen=True)
+class GivenRows:
+    """A kind of rows, and what is special about its coming and going.
+
+    ``shown``: [M] whether a pixel may show each row that there is, which is one at least.
+    ``begun``: [N, …] of each array, what the rows begin with; None: zeros.
+    """
+
+    name: str  # the field of ``Recipe`` that is its rule
+    group: RowGroup
+    shown: Callable[[RowRule, SplatOptimizer, RowGroup], np.ndarray]
+    begun: Callable[[Training], Mapping[str, np.ndarray]] | None = None
+
+    @property
+    def word(self) -> str:
+        """Of one row, as the states of strategies are named in checkpoints."""
+        return self.name.replace("_", "").removesuffix("s")
+
+
+@dataclass(frozen=True)
 class RowControl(Strategy[None]):
     """At the end of the run, rows that no pixel shows are left out, before anybody looks at the size of the file."""
 
-    group: ClassVar[RowGroup]
-    left_out: ClassVar[type[RowsLeftOut]]  # the record of it
-
+    given: GivenRows
     rule: RowRule
 
-    def shown(self, optimizer: SplatOptimizer) -> np.ndarray:
-        """[M] whether a pixel may show a row; there is one at least."""
-        raise NotImplementedError
+    @property
+    def name(self) -> str:
+        return f"{self.given.word}control"
 
     def end(self, t: Training, state: None) -> list[Event]:
-        index = t.optimizer.index_of(self.group)
-        shown = self.shown(t.optimizer) if len(index) else np.zeros(0, bool)
+        group = self.given.group
+        index = t.optimizer.index_of(group)
+        shown = self.given.shown(self.rule, t.optimizer, group) if len(index) else np.zeros(0, bool)
         if shown.all():
             return []
-        rows = {name: t.optimizer.numpy(name)[shown].reshape(-1, *shape) for name, shape in self.group.arrays.items()}
-        t.optimizer.set_rows(self.group, index[shown], rows)
+        rows = {name: t.optimizer.numpy(name)[shown].reshape(-1, *shape) for name, shape in group.arrays.items()}
+        t.optimizer.set_rows(group, index[shown], rows)
         left = int(shown.sum())
-        return [self.left_out(len(index) - left, left)]
+        return [ROWS_LEFT_OUT[self.given.name](len(index) - left, left)]
 
 
 @dataclass(frozen=True)
 class RowActivation(Once):
     """``give_rows`` at the step of the rule."""
 
-    group: ClassVar[RowGroup]
-    activated: ClassVar[type[RowsActivated]]  # the record of it
-
+    given: GivenRows
     rule: RowRule
+
+    @property
+    def name(self) -> str:
+        return f"{self.given.word}activation"
 
     @property
     def start(self) -> int:
         return self.rule.start
 
     def act(self, t: Training) -> list[Event]:
-        return [self.activated(give_rows(t.optimizer, self.group, self.begun(t)))]
-
-    def begun(self, t: Training) -> Mapping[str, np.ndarray] | None:
-        """[N, …] of each array, what the rows begin with; None: zeros."""
-        return None
+        begun = self.given.begun and self.given.begun(t)
+        return [ROWS_ACTIVATED[self.given.name](give_rows(t.optimizer, self.given.group, begun))]

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...scene.opacity import sigmoid
-from ...scene.row_groups import SHIFTS
+from ...scene.row_groups import RowGroup
 from ...scene.shifts import mean_views
-from ..events import ShiftsActivated, ShiftsLeftOut
 from ..optimizer.splat_optimizer import SplatOptimizer
-from .row_activation import RowActivation, RowControl, RowRule
+from .row_activation import RowRule
 from .strategy import Training
 
 STEEPEST = math.exp(-0.5)  # of a kernel with the peak 1, per standard deviation
@@ -26,15 +25,15 @@ class ShiftRule(RowRule):
     least_of = "α"
 
 
-def shown_shifts(rule: RowRule, optimizer: SplatOptimizer) -> np.ndarray:
+def shown_shifts(rule: RowRule, optimizer: SplatOptimizer, group: RowGroup) -> np.ndarray:
     """[V] whether a shift may change the α of some pixel by ``rule.least``.
 
     It moves a primitive by |A e| standard deviations at most, where e = Rᵀ v - v̄ is at most 1 + |v̄| long. A kernel
     then changes by no more than its peak times ``STEEPEST`` times that, and by no more than its peak. The
     pseudo-Gaussian of a DoG primitive is f_a as high, and narrower where a factor F is below 1.
     """
-    index = optimizer.index_of(SHIFTS)
-    shifts, views = (optimizer.numpy(name).astype(np.float64) for name in SHIFTS.names)
+    index = optimizer.index_of(group)
+    shifts, views = (optimizer.numpy(name).astype(np.float64) for name in group.names)
     largest = np.linalg.norm(shifts.reshape(-1, 3, 3), ord=2, axis=(1, 2)) * (1 + np.linalg.norm(views, axis=1))
     of_kernels = np.minimum(STEEPEST * largest, 1)
     if optimizer.n_dog:
@@ -46,22 +45,7 @@ def shown_shifts(rule: RowRule, optimizer: SplatOptimizer) -> np.ndarray:
     return sigmoid(optimizer.numpy("logit_opacities")[index].astype(np.float64)) * of_kernels >= rule.least
 
 
-@dataclass(frozen=True)
-class ShiftControl(RowControl):
-    """Shifts that no pixel shows go at the end."""
-
-    group, left_out = SHIFTS, ShiftsLeftOut
-
-    def shown(self, optimizer: SplatOptimizer) -> np.ndarray:
-        return shown_shifts(self.rule, optimizer)
-
-
-@dataclass(frozen=True)
-class ShiftActivation(RowActivation):
-    """The place of every primitive may depend on the view. It is where it was as seen on average."""
-
-    group, activated = SHIFTS, ShiftsActivated
-
-    def begun(self, t: Training) -> Mapping[str, np.ndarray]:
-        means, quats = t.optimizer.numpy("means"), t.optimizer.numpy("quats")
-        return {"mean_views": mean_views(means, quats, t.photographs.positions).astype(np.float32)}
+def begun_shifts(t: Training) -> Mapping[str, np.ndarray]:
+    """Every primitive is where it was, as it is seen on average."""
+    means, quats = t.optimizer.numpy("means"), t.optimizer.numpy("quats")
+    return {"mean_views": mean_views(means, quats, t.photographs.positions).astype(np.float32)}

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...engine.parameters import device_array
-from ...scene.row_groups import CURVATURES, SLOPES, RowGroup
+from ...scene.row_groups import SLOPES, RowGroup
 from ...scene.sh_basis import C0
-from ..events import CurvaturesActivated, CurvaturesLeftOut, SlopesActivated, SlopesLeftOut
 from ..optimizer.splat_optimizer import SplatOptimizer
-from .row_activation import RowActivation, RowControl, RowRule
+from .row_activation import RowRule
 
 
 @dataclass(frozen=True)
@@ -35,34 +34,3 @@ def shown_slopes(rule: RowRule, optimizer: SplatOptimizer, group: RowGroup) -> n
         colors = np.maximum(C0 * optimizer.numpy("sh_dc")[index] + 0.5, 0)
         changes = changes * optimizer.curve.slope(device_array(colors)).numpy().reshape(-1, 1, 3)
     return changes.max(axis=(1, 2)) >= rule.least
-
-
-@dataclass(frozen=True)
-class SlopeControl(RowControl):
-    """Slopes that stay faint go at the end."""
-
-    group, left_out = SLOPES, SlopesLeftOut
-
-    def shown(self, optimizer: SplatOptimizer) -> np.ndarray:
-        return shown_slopes(self.rule, optimizer, self.group)
-
-
-@dataclass(frozen=True)
-class CurvatureControl(SlopeControl):
-    """So do curvatures."""
-
-    group, left_out = CURVATURES, CurvaturesLeftOut
-
-
-@dataclass(frozen=True)
-class SlopeActivation(RowActivation):
-    """Every primitive gets slopes."""
-
-    group, activated = SLOPES, SlopesActivated
-
-
-@dataclass(frozen=True)
-class CurvatureActivation(RowActivation):
-    """Every primitive gets curvatures."""
-
-    group, activated = CURVATURES, CurvaturesActivated

@@ -18,6 +18,7 @@ from small_optimizer import (
     assert_nothing_is_compiled,
     assert_same,
     assert_same_state,
+    random_model,
     state_from_file,
 )
 
@@ -27,12 +28,7 @@ MOMENTS = ("", ".m", ".v")
 
 
 def uniform(degree=3, dog_index=(0, 3)) -> Splats:
-    rng, m = np.random.default_rng(0), len(dog_index)
-    return Splats(
-        rng.normal(size=(N, 3)), rng.normal(size=(N, 3)), rng.normal(size=(N, 4)), rng.normal(size=N),
-        rng.normal(size=(N, (degree + 1) ** 2, 3)),
-        np.array(dog_index, np.uint32), rng.normal(size=m), rng.normal(size=(m, 3)),
-    )  # fmt: skip
+    return random_model(N, degree, dog_index)
 
 
 def mixed(degrees=DEGREES) -> Splats:

@@ -26,6 +26,7 @@ from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.broken import MAX_COLOR, MAX_RADIANCE, MAX_SCALE, broken, drop_broken
 from mi_dogsplat.training.strategy.strategy import Strategy, Training
 from mi_dogsplat.training.train import Trainer
+from small_optimizer import random_model
 
 EXTENT, N = 2.0, 7
 MAX_SH = MAX_COLOR / C0
@@ -33,12 +34,7 @@ NAMES = ("means", "log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest", 
 
 
 def optimizer_of(dog_index=(0, 2, 5)) -> SplatOptimizer:
-    rng, m = np.random.default_rng(0), len(dog_index)
-    splats = Splats(
-        rng.normal(size=(N, 3)), rng.normal(size=(N, 3)), rng.normal(size=(N, 4)), rng.normal(size=N),
-        rng.normal(size=(N, 4, 3)), np.array(dog_index, np.uint32), rng.normal(size=m), rng.normal(size=(m, 3)),
-    )  # fmt: skip
-    return SplatOptimizer(splats, LearningRates(EXTENT, 1000))
+    return SplatOptimizer(random_model(N, 1, dog_index), LearningRates(EXTENT, 1000))
 
 
 def put(optimizer: SplatOptimizer, name: str, row: int, column: int, value: float) -> None:

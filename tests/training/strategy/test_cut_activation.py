@@ -7,16 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.given_rows import GIVEN
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
-from mi_dogsplat.training.strategy.cut_activation import (
-    CutControl,
-    CutRule,
-    SecondCutControl,
-    largest_change,
-    shown_cuts,
-)
-from own_axes_models import CUT, EACH_PLANE, SECOND_CUT, Kind
+from mi_dogsplat.training.strategy.cut_activation import CutRule, largest_change, shown_cuts
+from mi_dogsplat.training.strategy.row_activation import RowControl
+from own_axes_models import CUT, EACH_PLANE, Kind
 from splat_scenes import SMOOTH_OPTIONS, image_of, make_camera, make_splats, rasterized, rounded
 
 CAMERA = make_camera(96, 96, 90.0)
@@ -94,23 +90,21 @@ def test_beside_another_plane_a_change_may_be_a_little_larger():
     assert not is_shown(one([1, 0, 0]), CUT, rule) and is_shown(both, CUT, rule)
 
 
-CONTROLS = {CUT.word: CutControl(CutRule()), SECOND_CUT.word: SecondCutControl(CutRule())}
-
-
 @EACH_PLANE
 def test_the_end_leaves_out_what_no_pixel_shows_and_keeps_the_moments_of_the_others(kind: Kind):
     splats = rounded(make_splats(np.random.default_rng(0).normal(size=(6, 3)), 0.3, 0.9))
     normals = np.outer([0.01, 3, 0.02, 5, 0, 9], [0.0, 0.6, 0.8])
     optimizer = optimizer_of(rounded(kind.given(splats, normals, np.arange(6))))
     t: Any = SimpleNamespace(optimizer=optimizer)
-    (event,) = CONTROLS[kind.word].end(t, None)
+    control = RowControl(GIVEN[kind.word], CutRule())
+    (event,) = control.end(t, None)
     assert event.record == {"kind": f"{kind.word}_left_out", "count": 3, "left": 3}
     assert event.text == f"{kind.word.replace('_', ' ')} left out: 3, kept: 3"
     assert kind.index(optimizer.to_splats()).tolist() == [1, 3, 5]
     np.testing.assert_array_equal(kind.values(optimizer.to_splats()), normals[[1, 3, 5]].astype(np.float32))
-    assert CONTROLS[kind.word].end(t, None) == []
+    assert control.end(t, None) == []
     optimizer.set_rows(kind.group, np.zeros(0, int), {kind.name: np.zeros((0, 3))})
-    assert CONTROLS[kind.word].end(t, None) == []
+    assert control.end(t, None) == []
 
 
 def test_a_threshold_of_0_keeps_all_and_a_large_one_keeps_none():

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from mi_dogsplat.training.strategy.cut_activation import CutActivation, CutRule, SecondCutActivation
+from mi_dogsplat.training.given_rows import GIVEN
 from mi_dogsplat.training.strategy.dog_control import DogActivation, DogRule
 from mi_dogsplat.training.strategy.once import Once
-from mi_dogsplat.training.strategy.slope_activation import SlopeActivation, SlopeRule
+from mi_dogsplat.training.strategy.row_activation import RowActivation, RowRule
 from mi_dogsplat.training.strategy.strategy import arrays_of, restore_fields
 
 
@@ -42,10 +42,9 @@ def test_what_has_happened_before_a_checkpoint_does_not_happen_again():
 
 
 def test_states_have_the_names_that_checkpoints_of_earlier_versions_have():
-    cuts = CutActivation(CutRule(start=7)), SecondCutActivation(CutRule(start=7))
-    strategies = DogActivation(DogRule(start=7)), SlopeActivation(SlopeRule(start=7)), *cuts
+    strategies = DogActivation(DogRule(start=7)), *(RowActivation(rows, RowRule(start=7)) for rows in GIVEN.values())
     for strategy in strategies:
         assert strategy.start == 7
         assert list(arrays_of(strategy.new_state(SimpleNamespace()))) == ["done"]  # type: ignore[arg-type]
-    names = [strategy.name for strategy in strategies]
-    assert names == ["dogactivation", "slopeactivation", "cutactivation", "secondcutactivation"]
+    words = "dog", "slope", "curvature", "cut", "secondcut", "shift"
+    assert [strategy.name for strategy in strategies] == [f"{word}activation" for word in words]

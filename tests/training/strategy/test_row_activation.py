@@ -1,4 +1,4 @@
-"""Slopes, curvatures and cuts come without a change of the pictures, and learn; their rules scale with the run."""
+"""Slopes, curvatures, cuts and shifts come without a change of the pictures, and learn; rules scale with the run."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -10,15 +10,18 @@ import pytest
 from cut_models import with_cuts, with_second_cuts
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
-from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, PLANES, SECOND_CUTS, SHIFTS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.given_rows import GIVEN
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.quantisation.quantiser import Coding, Quantiser
-from mi_dogsplat.training.strategy.cut_activation import CutRule, SecondCutActivation, largest_change
+from mi_dogsplat.training.strategy.cut_activation import CutRule, largest_change
 from mi_dogsplat.training.strategy.dog_control import DogRule, activate
-from mi_dogsplat.training.strategy.row_activation import RowRule, give_rows
+from mi_dogsplat.training.strategy.row_activation import RowActivation, RowRule, give_rows
+from mi_dogsplat.training.strategy.shift_activation import ShiftRule
 from mi_dogsplat.training.strategy.slope_activation import SlopeRule
+from shifted_models import with_shifts
 from sloped_models import with_curvatures, with_slopes
 from splat_scenes import image_of, kernels, options, random_splats, rounded, tilted_camera
 
@@ -26,8 +29,8 @@ CAMERA = tilted_camera()
 EACH_KIND = pytest.mark.parametrize(
     ("group", "with_rows", "rate"),
     [(SLOPES, with_slopes, 2.5e-3), (CURVATURES, with_curvatures, 2.5e-3), (CUTS, with_cuts, 0.0625),
-     (SECOND_CUTS, with_second_cuts, 0.0625)],
-    ids=["slopes", "curvatures", "cuts", "second_cuts"],
+     (SECOND_CUTS, with_second_cuts, 0.0625), (SHIFTS, with_shifts, 5e-3)],
+    ids=["slopes", "curvatures", "cuts", "second_cuts", "shifts"],
 )
 Given = Callable[..., Splats]
 
@@ -52,7 +55,7 @@ def step(optimizer: SplatOptimizer) -> None:
 
 @EACH_KIND
 def test_activation_leaves_the_picture_and_then_every_row_learns(group: RowGroup, with_rows: Given, rate: float):
-    optimizer, (name,) = optimizer_of(model()), group.names
+    optimizer, name = optimizer_of(model()), group.names[0]
     before = image(optimizer)
     assert give_rows(optimizer, group) == len(optimizer.index_of(group)) == 40
     np.testing.assert_allclose(image(optimizer), before, rtol=0, atol=5e-7)
@@ -64,7 +67,7 @@ def test_activation_leaves_the_picture_and_then_every_row_learns(group: RowGroup
 
 @EACH_KIND
 def test_rows_that_are_there_stay_with_their_moments(group: RowGroup, with_rows: Given, rate: float):
-    optimizer, (name,) = optimizer_of(with_rows(model(), every=3)), group.names
+    optimizer, name = optimizer_of(with_rows(model(), every=3)), group.names[0]
     size = optimizer.row_size[name]
     step(optimizer)
     before, state = optimizer.to_splats(), optimizer.state()
@@ -107,14 +110,14 @@ def test_with_no_row_left_training_runs_the_kernels_of_one_that_never_had_any(
     assert kernels(lambda: step(optimizer)) == kernels(lambda: step(plain))
 
 
-@pytest.mark.parametrize("kind", [SlopeRule, CutRule])
+@pytest.mark.parametrize("kind", [SlopeRule, CutRule, ShiftRule])
 @pytest.mark.parametrize(("changes", "words"), [({"start": -1}, "start"), ({"least": -0.1}, "least")])
 def test_a_number_out_of_range_is_refused_by_name(kind: type[RowRule], changes, words):
     with pytest.raises(ValueError, match=f"{kind.__name__}: {words} is"):
         kind(**changes)
 
 
-@pytest.mark.parametrize("kind", [SlopeRule, CutRule])
+@pytest.mark.parametrize("kind", [SlopeRule, CutRule, ShiftRule])
 def test_the_start_scales_with_the_run_and_moves_with_its_beginning(kind: type[RowRule]):
     assert kind(start=18_000).scaled(7 / 30) == kind(start=4200)
     assert kind().scaled(1e-6).start == 1
@@ -124,7 +127,7 @@ def test_the_start_scales_with_the_run_and_moves_with_its_beginning(kind: type[R
 @EACH_KIND
 def test_what_sees_a_model_as_such_a_file_refuses_rows(group: RowGroup, with_rows: Given, rate: float):
     optimizer, camera = optimizer_of(with_rows(model())), DeviceCamera.upload(CAMERA)
-    words = "cuts" if group in PLANES else "slopes"
+    words = "cuts" if group in PLANES else "shifts" if group is SHIFTS else "slopes"
     with pytest.raises(ValueError, match=rf"Quantiser: spz holds no {words}; begin with Splats.without_{words}\(\)"):
         Quantiser("spz").before_step(Coding(), optimizer, [camera], options(model()), 0, 10)
 
@@ -135,7 +138,7 @@ def test_what_sees_a_model_as_such_a_file_refuses_rows(group: RowGroup, with_row
 def activated(optimizer: SplatOptimizer, seed: int = 0) -> np.ndarray:
     """[N, 3] second normals, as they begin."""
     t: Any = SimpleNamespace(optimizer=optimizer, rng=np.random.default_rng(seed))
-    (event,) = SecondCutActivation(CutRule()).act(t)
+    (event,) = RowActivation(GIVEN["second_cuts"], CutRule()).act(t)
     assert event.record == {"kind": "second_cuts_activated", "count": optimizer.n}
     return optimizer.to_splats().second_cut_normals
 

@@ -1,20 +1,18 @@
-"""Shifts come without a change of the pictures, learn, and go where no pixel shows them."""
+"""Shifts come without a change of the pictures, and go where no pixel shows them."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-import drjit as dr
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.engine.device_camera import DeviceCamera
-from mi_dogsplat.engine.rasterize import rasterize
+from mi_dogsplat.scene.row_groups import SHIFTS
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.given_rows import GIVEN
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
-from mi_dogsplat.training.quantisation.quantiser import Coding, Quantiser
-from mi_dogsplat.training.strategy.shift_activation import ShiftActivation, ShiftControl, ShiftRule, shown_shifts
+from mi_dogsplat.training.strategy.row_activation import RowActivation, RowControl
+from mi_dogsplat.training.strategy.shift_activation import ShiftRule, shown_shifts
 from same_numbers import assert_same_numbers
 from shifted_models import with_shifts
 from splat_scenes import (
@@ -22,7 +20,6 @@ from splat_scenes import (
     image_of,
     make_camera,
     make_splats,
-    options,
     random_splats,
     rasterized,
     rounded,
@@ -39,7 +36,7 @@ def optimizer_of(splats: Splats) -> SplatOptimizer:
 def activated(splats: Splats) -> SplatOptimizer:
     optimizer, positions = optimizer_of(splats), np.array([camera.position for camera in CAMERAS])
     t: Any = SimpleNamespace(optimizer=optimizer, photographs=SimpleNamespace(positions=positions))
-    (event,) = ShiftActivation(ShiftRule()).act(t)
+    (event,) = RowActivation(GIVEN["shifts"], ShiftRule()).act(t)
     assert event.record == {"kind": "shifts_activated", "count": optimizer.n}
     return optimizer
 
@@ -56,17 +53,6 @@ def test_they_begin_at_the_mean_view_of_the_training_and_move_nothing():
     for camera in CAMERAS:
         before, after = (image_of(rasterized(s, camera), camera) for s in (splats, given))
         assert_same_numbers(before, after)
-
-
-def test_then_every_row_learns():
-    optimizer = activated(rounded(random_splats(40, degree=1)))
-    camera = CAMERAS[0]
-    r, g, b = rasterize(optimizer.params, DeviceCamera.upload(camera), options(optimizer.to_splats())).colors
-    dr.backward(dr.square(r - 0.2) + dr.square(g - 0.4) + dr.square(b - 0.2))
-    optimizer.step()
-    shifts = optimizer.to_splats().view_shifts
-    assert np.count_nonzero(shifts.any(axis=(1, 2))) > 30
-    assert np.abs(shifts).max() == pytest.approx(5e-3, rel=1e-3)
 
 
 def one(size: float, opacity: float = 0.9, **dog) -> Splats:
@@ -89,7 +75,7 @@ def change_of_picture(splats: Splats) -> float:
 def test_what_goes_changes_no_pixel_by_a_255th_and_what_is_some_times_that_shows(opacity, dog):
     sizes = np.geomspace(1e-4, 2, 60)
     models = [one(size, opacity, **dog) for size in sizes]
-    shown = [bool(shown_shifts(ShiftRule(), optimizer_of(splats))[0]) for splats in models]
+    shown = [bool(shown_shifts(ShiftRule(), optimizer_of(splats), SHIFTS)[0]) for splats in models]
     first = shown.index(True)
     assert 0 < first < 59 and all(shown[first:])
     assert change_of_picture(models[first - 1]) < 1 / 255
@@ -111,7 +97,7 @@ def test_who_shows_is_decided_by_the_bound_on_the_change_of_both_kernels():
         bounds.append(bound / (1 + np.exp(-splats.logit_opacities[i])))
     optimizer, places = optimizer_of(splats), np.sort(bounds)
     for least in 0.5 * (places[1:] + places[:-1]):
-        np.testing.assert_array_equal(shown_shifts(ShiftRule(least=least), optimizer), bounds >= least)
+        np.testing.assert_array_equal(shown_shifts(ShiftRule(least=least), optimizer, SHIFTS), bounds >= least)
 
 
 def test_the_end_leaves_out_what_no_pixel_shows():
@@ -119,24 +105,12 @@ def test_the_end_leaves_out_what_no_pixel_shows():
     splats.view_shifts[[0, 2, 4]] *= 1e-3
     optimizer = optimizer_of(splats)
     t: Any = SimpleNamespace(optimizer=optimizer)
-    (event,) = ShiftControl(ShiftRule()).end(t, None)
+    control = RowControl(GIVEN["shifts"], ShiftRule())
+    (event,) = control.end(t, None)
     assert event.record == {"kind": "shifts_left_out", "count": 3, "left": 3}
     assert event.text == "shifts left out: 3, kept: 3"
     left = optimizer.to_splats()
     assert left.shift_index.tolist() == [1, 3, 5]
     np.testing.assert_array_equal(left.view_shifts, splats.view_shifts[[1, 3, 5]])
     np.testing.assert_array_equal(left.mean_views, splats.mean_views[[1, 3, 5]])
-    assert ShiftControl(ShiftRule()).end(t, None) == []
-
-
-@pytest.mark.parametrize(("changes", "words"), [({"start": -1}, "start"), ({"least": -0.1}, "least")])
-def test_a_number_out_of_range_is_refused_by_name(changes, words):
-    with pytest.raises(ValueError, match=f"ShiftRule: {words} is"):
-        ShiftRule(**changes)
-
-
-def test_what_sees_a_model_as_a_file_without_them_refuses_them():
-    splats = with_shifts(random_splats(6, degree=1, dog_share=0))
-    camera = DeviceCamera.upload(CAMERAS[0])
-    with pytest.raises(ValueError, match=r"Quantiser: spz holds no shifts; begin with Splats.without_shifts\(\)"):
-        Quantiser("spz").before_step(Coding(), optimizer_of(replace(splats)), [camera], options(splats), 0, 10)
+    assert control.end(t, None) == []

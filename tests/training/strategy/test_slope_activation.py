@@ -33,7 +33,7 @@ def optimizer_of(splats: Splats, curve: SrgbLog | None = None) -> SplatOptimizer
 @EACH
 def test_rows_go_whose_largest_entry_is_below_the_threshold_and_no_others(kind: Kind):
     optimizer = optimizer_of(model(kind))
-    n, size, rng = kind.n(optimizer), optimizer.row_size[kind.name], np.random.default_rng(0)
+    n, size, rng = len(optimizer.index_of(kind.group)), optimizer.row_size[kind.name], np.random.default_rng(0)
     rows = rng.uniform(-0.99 / 255, 0.99 / 255, (n, size))
     large = np.arange(n) % 3 == 0
     rows[large, rng.integers(0, size, large.sum())] = rng.choice([-1, 1], large.sum()) * 1.01 / 255

@@ -1,4 +1,4 @@
-"""Slopes and cuts in the optimizer: rows of some primitives, which follow them with their moments wherever they go."""
+"""Slopes, curvatures, cuts and shifts in the optimizer: rows of some, which follow their primitives with moments."""
 
 from dataclasses import replace
 
@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rows import NO_ROW
-from mi_dogsplat.scene.kinds import COUNTED
-from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, OWN_AXES, PLANES, SECOND_CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import (
+    BESIDE_DOG,
+    CURVATURES,
+    CUTS,
+    OWN_AXES,
+    PLANES,
+    SECOND_CUTS,
+    SHIFTS,
+    SLOPES,
+    RowGroup,
+)
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.training.images.tone_curve import SrgbLog
 from mi_dogsplat.training.optimizer.adam import Entry
@@ -19,12 +28,12 @@ from mi_dogsplat.training.strategy.broken import MAX_COLOR, MAX_NORMAL, broken
 from mi_dogsplat.viewer.source import splats_of_state
 from small_optimizer import RATES, assert_same, assert_same_state, moments, random_model, run, state_from_file
 
-EACH_KIND = pytest.mark.parametrize("group", OWN_AXES, ids=lambda group: group.index)
+EACH_KIND = pytest.mark.parametrize("group", BESIDE_DOG, ids=lambda group: group.index)
 
 
 def name_of(group: RowGroup) -> str:
-    (name,) = group.names
-    return name
+    """Of what is trained; the mean views of shifts, a second array, stay."""
+    return group.names[0]
 
 
 def rows_of(group: RowGroup, values) -> np.ndarray:
@@ -32,7 +41,7 @@ def rows_of(group: RowGroup, values) -> np.ndarray:
 
 
 def params_of(group: RowGroup) -> set[str]:
-    return {name_of(group), group.index, group.row}
+    return {*group.names, group.index, group.row}
 
 
 def optimizer_of(group: RowGroup, index=(1, 4, 6), n: int = 8, degree: int = 1) -> SplatOptimizer:
@@ -47,20 +56,19 @@ def test_a_model_with_rows_goes_in_and_comes_out_unchanged(group, degree, dog_in
     model = random_model(6, degree, dog_index, rows={group.index: index})
     optimizer = SplatOptimizer(model, RATES)
     assert_same(optimizer.to_splats(), model)
-    for name in COUNTED:
-        assert getattr(optimizer, name) == getattr(model, name)
+    assert optimizer.n_dog == model.n_dog
     assert optimizer.index_of(group).tolist() == list(index)
 
 
-def test_slopes_and_cuts_of_one_model_do_not_mix():
-    rows = {"slope_index": (0, 3), "cut_index": (3, 4, 5), "second_cut_index": (2, 3)}
+def test_rows_of_one_model_do_not_mix():
+    rows = {"slope_index": (0, 3), "cut_index": (3, 4, 5), "second_cut_index": (2, 3), "shift_index": (2, 4)}
     model = random_model(6, 1, (1, 4), rows=rows)
     optimizer = SplatOptimizer(model, RATES)
     run(optimizer, 1)
     optimizer.keep(np.array([5, 3, 2]))
     after = optimizer.to_splats()
     assert (after.slope_index.tolist(), after.cut_index.tolist()) == ([1], [0, 1])
-    assert after.second_cut_index.tolist() == [1, 2]
+    assert (after.second_cut_index.tolist(), after.shift_index.tolist()) == ([1, 2], [2])
     optimizer.set_rows(SLOPES, np.array([], int), {})
     assert_same(optimizer.to_splats(), after.without_slopes())
     optimizer.set_rows(SECOND_CUTS, np.array([], int), {})
@@ -87,7 +95,8 @@ def test_rows_follow_their_primitives_and_fresh_copies_have_none(group):
     optimizer.rearrange(index, fresh)  # 1 goes, 6 comes before 4, the copy of 4 is whole and in one colour
     after = optimizer.to_splats()
     assert getattr(after, group.index).tolist() == [0, 2] and after.dog_index.tolist() == [1, 2]
-    np.testing.assert_array_equal(getattr(after, name), getattr(before, name)[[2, 1]])
+    for of_group in group.names:
+        np.testing.assert_array_equal(getattr(after, of_group), getattr(before, of_group)[[2, 1]])
     for new, old in zip(moments(optimizer, name), (m, v), strict=True):
         np.testing.assert_array_equal(new, old[[2, 1]])
         assert np.ptp(new) > 0
@@ -111,7 +120,8 @@ def test_choosing_primitives_keeps_the_moments_of_those_that_stay(group):
     zeros = rows_of(group, np.zeros((3, optimizer_of(group).row_size[name])))
 
     def give(index: np.ndarray, values: np.ndarray) -> None:
-        optimizer.set_rows(group, index, {name: values})
+        beside = {other: np.zeros((len(index), *shape)) for other, shape in group.arrays.items()}
+        optimizer.set_rows(group, index, beside | {name: values})
 
     give(np.array([0, 2, 5]), zeros)
     run(optimizer, 2)
@@ -126,7 +136,18 @@ def test_choosing_primitives_keeps_the_moments_of_those_that_stay(group):
     assert not len(optimizer.index_of(group)) and not params_of(group) & set(optimizer.params)
 
 
-@EACH_KIND
+def test_shifts_are_trained_as_scales_are_and_mean_views_stay_to_the_bit():
+    optimizer = optimizer_of(SHIFTS)
+    before = optimizer.to_splats()
+    run(optimizer, 3)
+    after = optimizer.to_splats()
+    assert (after.view_shifts != before.view_shifts).all()
+    np.testing.assert_array_equal(after.mean_views, before.mean_views)
+    rates = RATES.at(0)
+    assert rates["view_shifts"] == rates["log_scales"] and rates["mean_views"] == 0
+
+
+@pytest.mark.parametrize("group", OWN_AXES, ids=lambda group: group.index)
 @pytest.mark.parametrize("step", [0, 600, 800, 1000])
 def test_steps_have_all_factors_of_those_of_the_constant_colour(group, step):
     refinement = Refinement(600, gain=4.0, end_gain=0.1, means_gain=16.0, sh_gain=4.0)
@@ -157,7 +178,7 @@ def test_training_goes_on_from_a_state_with_the_same_bits(group, tmp_path):
 def test_a_state_without_rows_says_nothing_of_them_and_takes_those_that_there_were(group):
     plain, optimizer = optimizer_of(group, ()), optimizer_of(group)
     state = plain.state()
-    assert not [name for name in state if "slope" in name or "cut" in name]
+    assert not [name for name in state if name.startswith((group.index, *group.names))]
     optimizer.restore(state)
     assert_same(optimizer.to_splats(), plain.to_splats())
     optimizer.schedule(5)
@@ -165,27 +186,27 @@ def test_a_state_without_rows_says_nothing_of_them_and_takes_those_that_there_we
 
 
 @EACH_KIND
-@pytest.mark.parametrize("change", ["index", "rows"])
-def test_a_state_whose_rows_are_not_those_of_its_index_is_refused(group, change):
-    state, name = optimizer_of(group).state(), name_of(group)
-    if change == "index":
-        del state[group.index]
-    else:
-        state[name] = state[name][: len(state[name]) // 3]
-    with pytest.raises(ValueError, match=f"{name}.* does not fit its . rows of {group.index}"):
-        optimizer_of(group).restore(state)
+def test_a_state_whose_rows_are_not_those_of_its_index_is_refused(group):
+    state = optimizer_of(group).state()
+    wrong = [(name, state | {name: state[name][: len(state[name]) // 3]}) for name in group.names]
+    without_index = {name: values for name, values in state.items() if name != group.index}
+    for name, changed in (*wrong, (name_of(group), without_index)):
+        with pytest.raises(ValueError, match=f"{name}.* does not fit its . rows of {group.index}"):
+            optimizer_of(group).restore(changed)
 
 
 @EACH_KIND
 @pytest.mark.parametrize("value", [np.nan, -np.inf, 1.001, -1.001])
 def test_a_primitive_whose_rows_no_step_repairs_is_broken_and_no_other(group, value):
-    optimizer, name = optimizer_of(group), name_of(group)
+    optimizer = optimizer_of(group)
     limit = MAX_NORMAL if group in PLANES else MAX_COLOR
-    for bound in (value, 0.999):
-        rows = optimizer.numpy(name)
-        rows[1, -1] = bound * limit
-        optimizer.assign(name, rows)
-        assert np.flatnonzero(broken(optimizer, 2.0)).tolist() == ([4] if bound is value else [])
+    for name in group.names:
+        for bound in (value, 0.999):
+            rows = optimizer.numpy(name)
+            rows[1, -1] = bound * limit
+            optimizer.assign(name, rows)
+            is_broken = bound is value and (group is not SHIFTS or not np.isfinite(value))  # shifts have no limit
+            assert np.flatnonzero(broken(optimizer, 2.0)).tolist() == ([4] if is_broken else [])
 
 
 def change_of_equal_gradients(group: RowGroup) -> np.ndarray:
