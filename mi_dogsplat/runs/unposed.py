@@ -9,6 +9,7 @@ from ..datasets.depths import depth_files
 from ..datasets.exr import is_exr
 from ..datasets.lengths import require_images
 from ..datasets.named_like_images import composed
+from ..datasets.scans.apps import is_scan
 from ..poses.input import find_photographs, is_video, mask_folder
 from ..poses.panoramas import SIDES
 from ..poses.photographs import solid_name
@@ -21,13 +22,16 @@ from .resume import require_no_stopped_run
 
 def check_unposed(config: TrainConfig, out: Path, resume: bool = False) -> None:
     """Raise the ``DataError`` that a training with these settings into the run folder ``out`` would raise after the
-    search for poses, as far as that, and the names of the photographs, or that they are frames of a video, tell."""
+    search for poses, as far as that, and the names of the photographs, or that they are frames of a video or a scan,
+    tell."""
     if not resume:
         require_no_stopped_run(out)
     source = Path(config.data)
     if config.depths is not None and not Path(config.depths).is_dir():
         raise DataError(config.depths, "no such folder", "give a folder with a depth map per image")
-    photographs = {} if is_video(source) else find_photographs(source, out / POSED, mask_folder(source, config.masks))
+    photographs = {}
+    if not is_video(source) and not is_scan(source):
+        photographs = find_photographs(source, out / POSED, mask_folder(source, config.masks))
     require_same_light(config, any(map(is_exr, photographs.values())))
     if not photographs:
         return

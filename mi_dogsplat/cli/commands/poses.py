@@ -30,8 +30,8 @@ DATA becomes a COLMAP folder, which every trainer reads: images/ (turned upright
 sparse/0. Up is -y; it is found by the gravity that the photographs recorded, or else by how the cameras were
 held. The origin is in the middle of the points. Raw photographs become JPEG, all with the same exposure;
 --linear keeps their light, for models of radiance. Photographs of one device, size and focal length share a
-camera, and EXIF gives its focal length. What is black in masks/, or transparent, is not matched. A scan has poses
-of its own, and depth maps, which become DATA/depth for dogsplat train --depths; it is in metres.
+camera, and EXIF gives its focal length. What is black in masks/, or transparent, is not matched. A scan has
+poses of its own, in metres, and depth maps, which become DATA/depth for dogsplat train --depths.
 At the end the command says how many images have a pose, and what to do if they are few. If it was stopped,
 give the same command again, and it continues. dogsplat train does all of this by itself if its DATA are plain
 images or a video. Needs the extra mi_dogsplat[poses].

@@ -19,7 +19,6 @@ from ..training_run import run_training
 
 SUMMARY = "train a model on photographs or a video"
 PLAIN = "plain images or a video, whose poses are found first, or a scan by Polycam, Record3D or Stray Scanner"
-MADE = {"masks": "masks", "depths": "depth"}  # settings, and the folders for them in data that are made first
 EXAMPLES = """
 Examples:
   dogsplat train photos/ -o run                        the full schedule, a tenth of the primitives
@@ -102,5 +101,5 @@ def _posed(config: TrainConfig, run: Path, resume: bool) -> TrainConfig:
         scanned = is_scan(Path(config.data))
         say(f"{config.data} {'is a scan: reading it' if scanned else 'has no cameras: finding poses'} first, in {out}")
         search_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
-    found = {kind: str(out / folder) for kind, folder in MADE.items() if (out / folder).is_dir()}
-    return replace(config, data=str(out), **{"masks": None, **found})
+    masks, depth = (str(out / name) if (out / name).is_dir() else None for name in ("masks", "depth"))
+    return replace(config, data=str(out), masks=masks, depths=config.depths or depth)
