@@ -8,16 +8,14 @@ import numpy as np
 
 from ..datasets import Dataset
 from ..datasets.dataset import camera_extent
-from ..datasets.depth_points import depth_points, far_from
-from ..datasets.depths import Depths
 from ..formats.model import Model
 from ..scene.drawing import DrawnAs
 from ..scene.finite import finite_rows
 from ..scene.row_groups import BESIDE_COLORS, DOG, RowGroup
 from ..scene.splats import Splats
 from ..support.errors import DataError
-from ..support.srgb import displayed
 from .config import TrainConfig
+from .depth_start import with_depth_points
 from .initialize import initial_splats
 from .memory_budget import Budget, Later, budget
 from .optimizer.preconditioning import n_products
@@ -61,7 +59,7 @@ def start_of(
     extent = camera_extent(dataset.train)
     near_clip = near_clip_of(config, extent)
     config = replace(config, near_clip=near_clip, white=dataset.white)
-    dataset = with_points(config, dataset)
+    dataset = with_depth_points(config, dataset)
     splats = initial_splats(config, dataset, recipe.start_limit(config.target) or config.max_primitives, model)
     sieve = Sieve(config.near_zone)
     means = splats.means[finite_rows(splats.means)]  # of a model that is to be pruned some may be broken
@@ -69,23 +67,6 @@ def start_of(
         sieve.near(means, np.array([view.camera.position for view in dataset.train]))
     memory = memory_of(config, dataset, recipe, splats)
     return Start(dataset, config, recipe, extent, near_clip, splats, sieve, memory)
-
-
-def with_points(config: TrainConfig, dataset: Dataset) -> Dataset:
-    """The data set with the points of its depth maps beside its own, where these are given. Raises ``DataError``."""
-    if config.depths is None or config.model is not None:
-        return dataset
-    depths = Depths(config.depths, dataset)
-    found = ((view, depths.of(view)) for view in dataset.train)
-    views = (
-        (view.camera, depth, displayed(view.image, dataset.white) if dataset.white else view.image)
-        for view, depth in found
-        if depth is not None
-    )
-    points, colors = depth_points(views, len(dataset.train), config.seed)
-    new = far_from(points, dataset.points)
-    both = np.concatenate([dataset.points, points[new]]), np.concatenate([dataset.point_colors, colors[new]])
-    return replace(dataset, points=both[0], point_colors=both[1])
 
 
 def exposed(config: TrainConfig, dataset: Dataset) -> Dataset:
