@@ -14,6 +14,7 @@ DARKER = 0.75  # the other fields of the chessboard on a wall
 SIZE, DEPTH_SIZE = (96, 72), (48, 36)  # of images and of depth maps
 FOCAL, CENTER = (70.0, 71.0), (47.0, 36.5)
 MATRIX = [[FOCAL[0], 0, CENTER[0]], [0, FOCAL[1], CENTER[1]], [0, 0, 1]]
+ROLL = 0.2  # radians
 BORDER = 6  # black columns at the left of photographs without a lens
 
 
@@ -26,12 +27,12 @@ class Pose:
 
 
 def poses(n: int) -> list[Pose]:
-    """On a circle, all looking outwards and a little down, as one walks along the walls."""
-    made = []
-    for angle in np.linspace(0, 2 * np.pi, n, endpoint=False):
+    """Most of the way around, all looking outwards and a little down, and held askew, so that they do not tell up."""
+    made, roll = [], np.array([[np.cos(ROLL), -np.sin(ROLL), 0], [np.sin(ROLL), np.cos(ROLL), 0], [0, 0, 1]])
+    for angle in np.linspace(0, 1.8 * np.pi, n, endpoint=False):
         ahead = np.array([np.sin(angle), -0.25, np.cos(angle)]) / np.hypot(1, 0.25)
         right = np.array([-np.cos(angle), 0, np.sin(angle)])
-        turn = np.stack([right, np.cross(right, ahead), -ahead], axis=1)
+        turn = np.stack([right, np.cross(right, ahead), -ahead], axis=1) @ roll
         made.append(Pose(np.array([0.5 * np.sin(angle), 1.3, 0.5 * np.cos(angle)]), turn))
     return made
 
