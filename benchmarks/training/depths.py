@@ -62,7 +62,7 @@ def main(flags: Sequence[str]) -> None:
     args = parser.parse_args(flags)
     set_variant(args.variant)
     data, observed = args.out / "room", args.out / "observed"
-    if not (data / "transforms.json").exists():
+    if not ((data / "transforms.json").exists() and observed.exists()):  # a room of before has no second one
         walk_through(data, observed, args.views)
     usual = known_depth.WEIGHT
     contestants = [("without", data, None, usual), *(("sensor", data, f"{data}/sensor", w) for w in args.weights)]
