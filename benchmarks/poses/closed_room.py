@@ -1,4 +1,4 @@
-"""A furnished room with walls all around, for panoramas: scikit-image's photographs on all that is flat."""
+"""A furnished room with walls all around, for panoramas and depths: scikit-image's photographs on all that is flat."""
 
 from __future__ import annotations
 
@@ -46,6 +46,32 @@ def closed_room() -> Any:
         pose = T().translate([x, y, edge]).rotate([0, 0, 1], turn).scale(edge)
         room[f"box{k}"] = {"type": "cube", "to_world": pose, "bsdf": _diffuse(cloth, (1.0, 0.9, 0.8))}
     return mi.load_dict(room)
+
+
+def surfaces(room: Any) -> np.ndarray:
+    """All that is flat in it: [Q, 3, 3] a corner, and the two edges of the rectangle that begin there."""
+    found = []
+    for shape in room.shapes():
+        known: Any = mi.traverse(shape)
+        if "vertex_positions" in known:  # a cube, of which each side has its own four vertices
+            corners = known["vertex_positions"].numpy().reshape(-1, 4, 3)
+            found.extend(np.stack([side[0], side[1] - side[0], side[3] - side[0]]) for side in corners)
+        else:
+            to_world = np.array(known["to_world"].matrix).reshape(4, 4)
+            corner = to_world @ (-1, -1, 0, 1)
+            found.append(np.stack([corner[:3], 2 * to_world[:3, 0], 2 * to_world[:3, 1]]))
+    return np.stack(found).astype(np.float64)
+
+
+def distances(points: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """[P] how far points [P, 3] are from the nearest of the ``surfaces`` [Q, 3, 3]."""
+    nearest = np.full(len(points), np.inf)
+    for corner, *edges in flat:
+        away = points - corner
+        for edge in edges:  # they are perpendicular to each other
+            away = away - np.clip(away @ edge / (edge @ edge), 0, 1)[:, None] * edge
+        nearest = np.minimum(nearest, np.linalg.norm(away, axis=1))
+    return nearest
 
 
 def _diffuse(pixels: np.ndarray, tint: tuple[float, float, float]) -> dict[str, Any]:

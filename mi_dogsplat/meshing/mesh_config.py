@@ -7,6 +7,7 @@ from typing import Annotated
 
 from ..support.settings import Setting, check_settings, is_said, refuse
 
+DEPTHS = {"median": "median_depth", "expected": "depth"}  # to AOVs
 USUAL_VOXEL = "(default: radius of the model / 128, or a few times that if the views are coarse)"
 VOXEL = f"spacing of the grid on which the surface is found, in world units {USUAL_VOXEL}"
 REACH = "how far the mesh extends from the middle of the model, in radii of the model"
@@ -16,6 +17,10 @@ FACES = "simplify the mesh to N triangles if it has more"
 TEXTURE = "write colours as a texture of N x N pixels, not for each vertex; needs --faces, and is not for .ply"
 PHOTOGRAPHS = "take colours from the photographs of --data, which are sharper than the model"
 MASKS = "folder of masks, named like the images of --data; black pixels give no colours; for --photographs"
+DEPTH = (
+    "depth of a pixel that is fused: median, of what stops half of the light; or expected, the mean, for models that "
+    "were trained with --depths"
+)
 VIEWS = "number of views to fuse, from around the model and from inside of it; --data has its own views"
 SIZE = "width and height of these views, in pixels"
 INSIDE = "share of these views that show the model from free places inside of it; use 1 for a room"
@@ -33,6 +38,7 @@ class MeshConfig:
     texture: Annotated[int | None, Setting(TEXTURE, least=64, most=16_384)] = None
     photographs: Annotated[bool, Setting(PHOTOGRAPHS)] = False
     masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
+    depth: Annotated[str, Setting(DEPTH, "WHICH", choices=tuple(DEPTHS))] = "median"
     views: Annotated[int, Setting(VIEWS, least=1)] = 96
     size: Annotated[tuple[int, int], Setting(SIZE, "W H")] = (640, 480)
     inside: Annotated[float, Setting(INSIDE, least=0, most=1)] = 0.5

@@ -17,7 +17,7 @@ from .blocks import Blocks
 from .fusion import Fusion
 from .marching import zero_surface
 from .mesh import Mesh
-from .mesh_config import MeshConfig
+from .mesh_config import DEPTHS, MeshConfig
 from .seen_blocks import TRUNCATION, seen_blocks
 from .simplification import simplified
 from .surface_colors import UNSEEN, surface_colors
@@ -42,7 +42,7 @@ def surface_of(
     Args:
         cameras: V >= 1 of them.
         drawn: how the model is drawn.
-        config: its ``voxel``, ``reach``, ``min_faces``, ``connected``, ``faces`` and ``texture``.
+        config: its ``voxel``, ``reach``, ``min_faces``, ``connected``, ``faces``, ``texture`` and ``depth``.
         show: as in ``make_mesh``.
         photographs: colours of a view by its number and the model's there (``photograph_colors.py``); None: the latter.
 
@@ -60,7 +60,7 @@ def surface_of(
 
     centre, radius = robust_sphere(splats)
     voxel = voxel_of(config, centre, radius)
-    views = SurfaceViews.of(splats, cameras, drawn, photographs)
+    views = SurfaceViews.of(splats, cameras, drawn, photographs, DEPTHS[config.depth])
     blocks = seen_blocks(views, centre, voxel, config.reach * radius, config.voxel is not None, tell)
     voxel = blocks.voxel
     mesh = zero_surface(blocks, fused(views, blocks, tell))

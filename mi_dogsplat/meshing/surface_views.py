@@ -15,9 +15,9 @@ from ..scene.splats import Array, Splats
 from ..support.memory import available_memory
 from ..support.srgb import displayed
 
-# the AOV, the z of a centre: where the ray is deepest in that primitive was tried, and is worse (docs/mesh.md)
+# an AOV, of the z of centres: where the ray is deepest in that primitive was tried, and is worse (docs/mesh.md)
 DEPTH = "median_depth"
-LEAST_ALPHA = 0.5  # where there is a surface, by which colours are divided
+LEAST_ALPHA = 0.5  # where there is a surface, by which colours are divided; half of the light is stopped
 KEPT_SHARE = 0.25  # of the free memory, for pictures that need not be rendered again
 
 
@@ -26,7 +26,7 @@ class Seen(NamedTuple):
 
     camera: Camera
     depth: Array
-    """[H, W] along the optical axis, of what stops half of the light; 0 where nothing does"""
+    """[H, W] along the optical axis, of what stops half of the light, or the mean; 0 where nothing stops so much"""
     color: Array
     """[H, W, 3] display-referred, half floats: of the splats alone, meaningless where there is no surface; or of the
     photograph, NaN where it says nothing of the surface"""
@@ -44,6 +44,8 @@ class SurfaceViews:
     """bytes of pictures to keep"""
     photographs: Callable[[int, Array], Array] | None = None
     """the colours of a view by its number and the model's colours in it, in place of these"""
+    depth: str = DEPTH
+    """the AOV that is the depth"""
     _kept: dict[int, Seen] = field(default_factory=dict)
 
     @staticmethod
@@ -52,10 +54,12 @@ class SurfaceViews:
         cameras: list[Camera],
         drawn: DrawnAs,
         photographs: Callable[[int, Array], Array] | None = None,
+        depth: str = DEPTH,
     ) -> SurfaceViews:
-        """Of a model that is drawn like that, from these cameras."""
+        """Of a model that is drawn like that, from these cameras; ``depth``: the AOV."""
         room = int(KEPT_SHARE * (available_memory() or 0))
-        return SurfaceViews(cameras, drawn.near_clip, picture_of(splats, 0.0, drawn, (DEPTH,)), room, photographs)
+        picture = picture_of(splats, 0.0, drawn, (depth,))
+        return SurfaceViews(cameras, drawn.near_clip, picture, room, photographs, depth)
 
     def __iter__(self) -> Iterator[Seen]:
         """The views, in the order of the cameras."""
@@ -72,7 +76,10 @@ class SurfaceViews:
         picture = self.picture(self.cameras[k])
         own = _own_color(picture)
         color = own if self.photographs is None else self.photographs(k, own)
-        return Seen(self.cameras[k], picture.aovs[f"{DEPTH}.Z"], color.astype(np.float16))
+        depth = picture.aovs[f"{self.depth}.Z"]
+        if self.depth != DEPTH:  # which is 0 by itself where nothing stops half of the light
+            depth = np.where(picture.alpha >= LEAST_ALPHA, depth, np.float32(0))
+        return Seen(self.cameras[k], depth, color.astype(np.float16))
 
 
 def _own_color(picture: Picture) -> Array:

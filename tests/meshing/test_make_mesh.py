@@ -10,7 +10,10 @@ import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.world import World, write_world
+from mi_dogsplat.engine.options import RasterOptions
+from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.formats.gltf_container import Container, matrix_of
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.packing import LUF
@@ -20,9 +23,11 @@ from mi_dogsplat.meshing.make import make_mesh
 from mi_dogsplat.meshing.mesh_config import MeshConfig
 from mi_dogsplat.meshing.surface import surface_of
 from mi_dogsplat.render.framing import robust_sphere
+from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.render.vantages import vantage_cameras
 from mi_dogsplat.runs.inputs import note_inputs
 from mi_dogsplat.scene.appearance import APPEARANCE, Appearance, device_of, photographed, radii_squared
+from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.drawing import Drawing, DrawnAs
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
@@ -296,6 +301,25 @@ def test_a_near_clip_that_is_asked_for_counts(model, tmp_path, capsys):
     meshed(capsys, tmp_path / "far.ply", tmp_path / "o.obj", "--voxel", "0.1")
     result = run(capsys, "mesh", model, "-o", tmp_path / "none.obj", *FAST, "--near-clip", "50")
     assert result[0] == 2 and "no surface is found" in result[2] and not (tmp_path / "none.obj").exists()
+
+
+def test_expected_depths_count_what_stands_before_the_surface():
+    """A wall behind a veil that stops a quarter of the light."""
+    k = np.linspace(-1, 1, 41)
+    places = np.stack([*np.meshgrid(k, k), np.zeros((41, 41))], axis=-1).reshape(-1, 3)
+    both = np.concatenate([places, places + (0, 0, 0.1)])
+    opacities = np.repeat([0.98, 0.06], len(places))  # of several that overlap
+    splats = rounded(make_splats(both, (0.05, 0.05, 1e-3), opacities, 0.5))
+    camera = Camera(look_at(np.array([0, 0, 3.0]), np.zeros(3), "y"), 100.0, 100.0, 40.0, 30.0, 80, 60)
+    heights = {}
+    for depth in ("median", "expected"):
+        mesh, _ = surface_of(splats, [camera], DrawnAs(), MeshConfig(depth=depth, voxel=0.05))
+        heights[depth] = np.median(mesh.vertices[:, 2])
+    params, options = upload(splats), RasterOptions(splats.sh_degree, depth=True)
+    seen = render_picture(params, camera, options).depth
+    assert seen is not None
+    assert heights == pytest.approx({"median": 0, "expected": 3 - np.median(seen)}, abs=0.005)
+    assert heights["expected"] > 0.015
 
 
 @pytest.mark.parametrize("distance", [1e4, 1e6, 3e8])

@@ -59,6 +59,16 @@ def test_a_colour_is_that_of_the_splats_whatever_they_let_through(opacity, linea
     np.testing.assert_allclose(points_of(camera, seen.depth)[:, 2], 2, rtol=1e-6)
 
 
+@pytest.mark.parametrize(("name", "depth"), [("median_depth", 3), ("depth", (0.4 * 2 + 0.6 * 0.5 * 3) / 0.7)])
+def test_the_depth_is_that_of_what_stops_half_of_the_light_or_the_mean(name, depth):
+    camera, first = make_camera(WIDTH, HEIGHT, 60.0), wall(0.4)
+    both = rounded(make_splats([[0, 0, 2], [0, 0, 3]], (5, 5, 1e-3), [0.4, 0.5], 0.5))
+    (seen,) = SurfaceViews.of(both, [camera], DrawnAs(), depth=name)
+    np.testing.assert_allclose(seen.depth, depth, rtol=2e-3)
+    (through,) = SurfaceViews.of(first, [camera], DrawnAs(), depth=name)
+    assert not through.depth.any()
+
+
 def test_a_vertex_has_no_colour_of_a_pixel_without_a_surface():
     """Though its distance to the camera is less than the tolerance."""
     camera = make_camera(WIDTH, HEIGHT, 60.0)

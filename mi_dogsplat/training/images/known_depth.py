@@ -8,7 +8,8 @@ a known depth d its error is
 and the loss is ``WEIGHT`` times the mean of that over all pixels; one without a known depth, or where next to nothing
 is drawn, adds nothing. The absolute value lets a pixel whose map is wrong, as beside edges, pull no harder than others.
 
-Kerbl et al. (3DGS, training with depths) compare 1 / z in the same way, which asks little of what is far.
+Kerbl et al. (3DGS, training with depths) compare 1 / z in the same way, which asks little of what is far. In a room,
+with maps that were relative inverse depth, models were as near to the truth with either, at equal weights.
 """
 
 from __future__ import annotations
