@@ -17,6 +17,7 @@ from ..support.threads import threads_to_load
 from ..support.variants import require_variant
 from ..support.wording import counted
 
+GIVE = "give a Mitsuba scene as .xml file"
 SPLATTING = {"dogsplat", "dogpath"}  # integrators that draw ``dog`` shapes
 SURROUNDING = 4.0  # a floor or dome is so many times larger than all that is smaller
 FLAT = 0.02  # thickness of a floor, times its diagonal
@@ -60,7 +61,8 @@ def _finding_files(path: Path) -> Iterator[Any]:
     except DataError:
         raise
     except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
-        raise scene_error(path, error, "Mitsuba cannot load it") from error
+        remedy = "correct the scene" if path.suffix.lower() == ".xml" else GIVE
+        raise scene_error(path, error, "Mitsuba cannot load it", remedy) from error
 
 
 def has_splats(path: Path) -> bool:
@@ -121,7 +123,7 @@ def _parser_config(path: Path) -> Any:
     variant = require_variant()
     if not path.is_file():
         problem = "this is a folder" if path.is_dir() else "no such file"
-        raise DataError(path, problem, "give a Mitsuba scene as .xml file")
+        raise DataError(path, problem, GIVE)
     as_mitsuba_reads(path)
     return mi.parser.ParserConfig(variant)
 

@@ -45,6 +45,12 @@ def test_a_folder_in_place_of_a_scene_is_called_one(tmp_path):
     assert "this is a folder; give a Mitsuba scene as .xml file" in error_of(tmp_path, tmp_path / "out", tiny())
 
 
+def test_a_model_in_place_of_a_scene_is_told_what_to_give(tmp_path):
+    write_ply(tmp_path / "model.ply", tiny_data.truth())
+    assert error_of(tmp_path / "model.ply", tmp_path / "out", tiny()).endswith("; give a Mitsuba scene as .xml file")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_variant_without_a_compiler_is_refused_in_words(balls, tmp_path):
     mi.set_variant("scalar_rgb")
     assert "scalar_rgb computes no arrays" in error_of(balls, tmp_path / "out", tiny())
