@@ -15,7 +15,7 @@ from .plugin.freezing import refuse_freezing
 from .plugin.given_model import given_model, on_host
 from .plugin.properties import matrix_of
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
-from .scene.row_groups import BESIDE_COLORS, CURVATURES, CUTS, DOG, GROUPS, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
+from .scene.row_groups import BESIDE_COLORS, DOG, GROUPS, NAMED, SH, SHIFTS, RowGroup
 from .scene.shifts import box_of_places
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, mean_scale, transformed
@@ -304,8 +304,7 @@ class DogShape(mi.Mesh):
     def to_string(self) -> str:
         lines = [f"source = {self.source}", f"primitives = {self.means.shape[0]}"]
         lines.append(f"dog = {len(self.dog_index) if DOG in self.groups else 0}")
-        named = {"slopes": SLOPES, "curvatures": CURVATURES, "cuts": CUTS, "second_cuts": SECOND_CUTS, "shifts": SHIFTS}
-        named |= {group.index: group for group in SH.values()}
+        named = NAMED | {group.index: group for group in SH.values()}
         lines += [f"{name} = {len(getattr(self, g.index))}" for name, g in named.items() if g in self.groups]
         return "DogShape[\n  " + ",\n  ".join(lines) + "\n]"
 

@@ -1,6 +1,6 @@
 """Training on photographs whose sensor was full in places: ``python -m benchmarks exposures -o DIR``.
 
-A scene of high contrast is captured with ``--hdr``. From each place a simulated sensor (``sensor.py``) takes one
+A scene of high contrast is captured with ``--hdr``. From each place a simulated sensor takes one
 photograph, in one of several exposures in turn. A model is trained on
 
 - ``truth``: the radiance itself;
@@ -30,12 +30,28 @@ from mi_dogsplat.support.files import write_json
 from mi_dogsplat.support.pictures import write_png, write_radiance
 from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
+from numpy.typing import NDArray
 
 from .hdr import captured, measured, parser_of, print_rows
 from .kept import same_settings
-from .sensor import Sensor
 
 STOPS = 3  # between exposures
+WELL = 20_000  # electrons of a full pixel
+READ_NOISE = 4  # electrons, standard deviation
+LEVELS = 2**14 - 1
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """That of a camera, simulated. Its pixels are full at the radiance ``full``."""
+
+    full: float
+
+    def recorded(self, radiance: NDArray, rng: np.random.Generator) -> NDArray[np.float32]:
+        """Of radiance of any shape: with the noise of light and of reading, in levels, between 0 and ``full``."""
+        electrons = rng.poisson(np.asarray(radiance, np.float64) / self.full * WELL)
+        levels = np.rint((electrons + rng.normal(scale=READ_NOISE, size=electrons.shape)) / WELL * LEVELS)
+        return (np.clip(levels, 0, LEVELS) / LEVELS * self.full).astype(np.float32)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..report.run_folder import CONFIG
+from ..scene.kinds import COUNTED
 from ..support.files import replacing, write_json
 from ..support.wording import counted
 from .folders import settings_in
@@ -23,12 +24,7 @@ from .numbers import collect, collect_targets, summary
 COMPARISON = "comparison.json"
 COLUMNS = {  # name: (heading, digits, which is best: 1 the largest, -1 the smallest, 0 neither)
     "n": ("primitives", 0, 0),
-    "n_dog": ("of them DoG", 0, 0),
-    "n_slopes": ("with slopes", 0, 0),
-    "n_curvatures": ("with curvatures", 0, 0),
-    "n_cuts": ("with a cut", 0, 0),
-    "n_second_cuts": ("with a second cut", 0, 0),
-    "n_shifts": ("with shifts", 0, 0),
+    **{name: (kind, 0, 0) for name, kind in COUNTED.items()},
     "megabytes": ("MB", 2, 0),
     "psnr": ("PSNR (dB)", 2, 1),
     "ssim": ("SSIM", 4, 1),

@@ -23,7 +23,7 @@ from ..scene.cuts import LARGEST
 from ..scene.finite import finite_in, finite_rows
 from ..scene.opacity import sigmoid
 from ..scene.ply import rows_save
-from ..scene.row_groups import BESIDE_DOG, CURVATURES, CUTS, DOG, PLANES, SECOND_CUTS, SH, SHIFTS, SLOPES, RowGroup
+from ..scene.row_groups import BESIDE_DOG, DOG, NAMED, PLANES, SH, RowGroup
 from ..scene.splats import Array, Splats
 from ..support.wording import count, file_size
 
@@ -31,13 +31,8 @@ LEAST_ALPHA = Cutoffs().alpha * (1 - 1e-4)  # below the cutoff by more than the 
 FADED = 2.0**-33  # of f_a o; half of what could round, for the same reason
 FLOAT = 4  # bytes
 GAUSSIAN = 14 * FLOAT  # bytes of a primitive of SH degree 0
-WORDS = {
-    DOG: "DoG without effect",
-    SLOPES: "slopes that are zero",
-    CURVATURES: "curvatures that are zero",
-    CUTS: "cuts that are zero",
-    SECOND_CUTS: "second cuts that are zero",
-    SHIFTS: "shifts that are zero",
+WORDS = {DOG: "DoG without effect"} | {
+    group: f"{name.replace('_', ' ')} that are zero" for name, group in NAMED.items()
 }
 
 

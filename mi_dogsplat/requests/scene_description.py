@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -24,7 +25,6 @@ from ..support.scene_errors import scene_error
 from ..support.scene_loading import load_dict
 from .masks import camera_masks, hides_lamps, is_masked
 from .objects import objects_shine
-from .opaque import make_opaque
 from .request import Request
 
 STRAIGHT = "mask", "thindielectric"  # BSDFs that light passes without being bent
@@ -58,7 +58,7 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         if sensor is not None:
             described["sensor"] = sensor
         scene = load_dict(request.scene, described)
-        make_opaque(scene)
+        _make_opaque(scene)
     except DataError:
         raise
     except (RuntimeError, ValueError, TypeError) as error:
@@ -73,6 +73,18 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
     if masked:
         integrator.masks = camera_masks(request, scene, number_of(splats))
     return scene
+
+
+def _make_opaque(scene: mi.Scene) -> None:
+    """Make the numbers of sensors and emitters opaque: a lamp moves and a lens focuses without a compiler.
+
+    Mitsuba does so itself for most. It leaves out where a rectangle is, aperture and focus of a thin lens, and the
+    scale of an environment map. The values stay the same, so nothing that follows from them has to be made again.
+    """
+    lamps = [shape for shape in scene.shapes() if shape.is_emitter()]
+    for part in (*scene.sensors(), *lamps, *scene.emitters()):
+        params: Any = mi.traverse(part)
+        dr.make_opaque([params[name] for name in params.keys()])
 
 
 def files_of(path: Path) -> list[Path]:

@@ -63,6 +63,10 @@ OWN_AXES = (SLOPES, CURVATURES, *PLANES)
 """What is told along the primitives' own axes."""
 BESIDE_DOG = (*OWN_AXES, SHIFTS)
 """What primitives may have besides, be they DoG or not, but for view-dependent colour."""
+NAMED: dict[str, RowGroup] = dict(
+    zip(("slopes", "curvatures", "cuts", "second_cuts", "shifts"), BESIDE_DOG, strict=True)
+)
+"""These by what files and settings call their rows."""
 BESIDE_COLORS = (DOG, *BESIDE_DOG)
 """All but those of view-dependent colour."""
 GROUPS = (*BESIDE_COLORS, *SH.values())

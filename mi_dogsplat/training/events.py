@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
+from ..scene.row_groups import NAMED
+
 
 @dataclass(frozen=True)
 class Event:
@@ -161,9 +163,8 @@ class RowsLeftOut(Event):
 
 
 def _of_each_kind(record: type[Event], did: str, words: str) -> dict[str, type[Any]]:
-    """Classes by kinds of rows, which are named as the fields of ``Recipe`` that are their rules."""
-    kinds = "slopes", "curvatures", "cuts", "second_cuts", "shifts"
-    facts = {rows: {"kind": f"{rows}_{did}", "words": f"{rows.replace('_', ' ')} {words}"} for rows in kinds}
+    """Classes by kinds of rows."""
+    facts = {rows: {"kind": f"{rows}_{did}", "words": f"{rows.replace('_', ' ')} {words}"} for rows in NAMED}
     return {rows: type(record.__name__, (record,), of_kind) for rows, of_kind in facts.items()}
 
 

@@ -14,7 +14,7 @@ from mi_dogsplat.datasets.auto_exposure import reference_white
 from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.datasets.exr import read_exr
 from mi_dogsplat.datasets.images import read_image
-from mi_dogsplat.film.exposure import exposed
+from mi_dogsplat.film.model_frames import exposed
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.render.picture import light_of, photograph, picture_of
 from mi_dogsplat.render.picture_options import PictureOptions

@@ -180,13 +180,14 @@ def test_the_near_clip_of_sensor_and_integrator_both_hold():
     assert np.abs(near(0.01, 2.5) - near(0.01, 0.2)).max() > 0.1
 
 
-def test_the_near_clip_of_an_orthographic_sensor_is_scaled_as_mitsuba_scales_it():
-    def near(scale: float, clip: float):
-        return picture({"type": "orthographic", "near_clip": clip, "film": film(),
+@pytest.mark.parametrize("name", ["near_clip", "far_clip"])
+def test_the_clips_of_an_orthographic_sensor_are_scaled_as_mitsuba_scales_them(name):
+    def clipped(scale: float, clip: float):
+        return picture({"type": "orthographic", name: clip, "film": film(),
                         "to_world": mi.ScalarTransform4f().scale([1, 1, scale])})
 
-    np.testing.assert_array_equal(near(2.0, 1.25), near(1.0, 2.5))
-    assert np.abs(near(2.0, 1.25) - near(1.0, 1.25)).max() > 0.1
+    np.testing.assert_array_equal(clipped(2.0, 1.25), clipped(1.0, 2.5))
+    assert np.abs(clipped(2.0, 1.25) - clipped(1.0, 1.25)).max() > 0.1
 
 
 @pytest.mark.parametrize("spp", [1, 3])
@@ -201,15 +202,6 @@ def test_primitives_whose_centre_is_beyond_the_far_clip_are_dropped(kind, spp):
     expected = picture(sensor, kept, spp)
     np.testing.assert_allclose(picture({**sensor, "far_clip": 2.5}, MODEL, spp), expected, atol=1e-6)
     assert np.abs(picture(sensor, MODEL, spp) - expected).max() > 0.1
-
-
-def test_the_far_clip_of_an_orthographic_sensor_is_scaled_as_mitsuba_scales_it():
-    def far(scale: float, clip: float):
-        return picture({"type": "orthographic", "far_clip": clip, "film": film(),
-                        "to_world": mi.ScalarTransform4f().scale([1, 1, scale])})
-
-    np.testing.assert_array_equal(far(2.0, 1.25), far(1.0, 2.5))
-    assert np.abs(far(2.0, 1.25) - far(1.0, 1.25)).max() > 0.1
 
 
 def test_the_far_clip_may_change_between_renders_and_holds_for_derivatives_too():

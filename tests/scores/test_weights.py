@@ -7,6 +7,7 @@ from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.reference import score as reference_score
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.slope_losses import slope_losses
 from mi_dogsplat.scores.training_views import TrainingViews
 from mi_dogsplat.scores.weights import weights
@@ -29,6 +30,29 @@ def on_device(cameras=CAMERAS):
     return [DeviceCamera.upload(camera) for camera in cameras]
 
 
+def assert_brute_force(splats: Splats, antialiased=False, masks=(None, None)) -> np.ndarray:
+    """Compares all weights where ``masks`` are not black, and returns [N] who dominates a pixel."""
+    rng = np.random.default_rng(0)
+    planes = [rng.uniform(size=(camera.height, camera.width)) for camera in CAMERAS]
+    got = weights(upload(splats), on_device(), options(splats, antialiased=antialiased), planes, masks.__getitem__)
+    views, dominates = [], np.zeros(splats.n_splats, bool)
+    for camera, plane, mask in zip(CAMERAS, planes, masks, strict=True):
+        counts = plane >= 0 if mask is None else mask > 0
+        w, T = (of_pixels[:, counts] for of_pixels in reference_score.weights(splats, camera, antialiased=antialiased))
+        views.append((w, T, plane[counts]))
+        dominates[w.argmax(0)[w.max(0) > 0]] = True
+    for found, expected in (
+        (got.total, sum(w.sum(1) for w, _, _ in views)),
+        (got.transmittance, sum(T.sum(1) for _, T, _ in views)),
+        (got.largest, np.max([w.max(1).clip(0) for w, _, _ in views], 0)),
+        (got.weighted, sum((e * w).sum(1) for w, _, e in views)),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(got.pixels, sum((T > 0).sum(1) for _, T, _ in views), atol=2)
+    np.testing.assert_array_equal(got.dominates, dominates)
+    return dominates
+
+
 @pytest.mark.parametrize(
     ("dog_share", "cut_shares"),
     [(0, (0, 0)), (0.5, (0, 0)), (0, (0.6, 0)), (0.5, (0.6, 0)), (0.5, (0.6, 0.6))],
@@ -37,47 +61,12 @@ def on_device(cameras=CAMERAS):
 @pytest.mark.parametrize("antialiased", [False, True])
 def test_sums_largest_and_dominance_equal_brute_force(dog_share, cut_shares, antialiased):
     splats = rounded(random_splats(60, 4, 1, dog_share, 0, *cut_shares))
-    planes = [np.random.default_rng(0).uniform(size=(camera.height, camera.width)) for camera in CAMERAS]
-    got = weights(upload(splats), on_device(), options(splats, antialiased=antialiased), planes)
-    views = [reference_score.weights(splats, camera, antialiased=antialiased) for camera in CAMERAS]
-
-    def assert_close(a, b):
-        np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-5)
-
-    assert_close(got.total, sum(w.sum((1, 2)) for w, _ in views))
-    assert_close(got.transmittance, sum(T.sum((1, 2)) for _, T in views))
-    np.testing.assert_allclose(got.pixels, sum((T > 0).sum((1, 2)) for _, T in views), atol=2)
-    assert_close(got.largest, np.max([w.max((1, 2)).clip(0) for w, _ in views], 0))
-    assert_close(got.weighted, sum((e * w).sum((1, 2)) for e, (w, _) in zip(planes, views, strict=True)))
-    dominates = np.zeros(60, bool)
-    for w, _ in views:
-        dominates[w.argmax(0)[w.max(0) > 0]] = True
-    assert 5 < dominates.sum() < 60
-    np.testing.assert_array_equal(got.dominates, dominates)
+    assert 5 < assert_brute_force(splats, antialiased).sum() < 60
 
 
 def test_pixels_that_masks_leave_out_count_for_nothing():
-    splats = rounded(random_splats(60, 4, 1, 0.5))
-    rng = np.random.default_rng(1)
-    masks = [None, (rng.uniform(size=(33, 20)) > 0.7).astype(np.float32)]
-    planes = [rng.uniform(size=(camera.height, camera.width)) for camera in CAMERAS]
-    got = weights(upload(splats), on_device(), options(splats), planes, masks.__getitem__)
-    views = [reference_score.weights(splats, camera) for camera in CAMERAS]
-    (w, T, e), (v, U, f) = ((*view, plane) for view, plane in zip(views, planes, strict=True))
-    counts = masks[1] > 0
-    v, U, f = v[:, counts], U[:, counts], f[counts]  # [N, pixels]
-
-    def assert_close(a, b):
-        np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-5)
-
-    assert_close(got.total, w.sum((1, 2)) + v.sum(1))
-    assert_close(got.transmittance, T.sum((1, 2)) + U.sum(1))
-    np.testing.assert_allclose(got.pixels, (T > 0).sum((1, 2)) + (U > 0).sum(1), atol=2)
-    assert_close(got.largest, np.maximum(w.max((1, 2)), v.max(1)).clip(0))
-    assert_close(got.weighted, (e * w).sum((1, 2)) + (f * v).sum(1))
-    dominates = np.zeros(60, bool)
-    dominates[w.argmax(0)[w.max(0) > 0]] = dominates[v.argmax(0)[v.max(0) > 0]] = True
-    np.testing.assert_array_equal(got.dominates, dominates)
+    mask = (np.random.default_rng(1).uniform(size=(33, 20)) > 0.7).astype(np.float32)
+    assert_brute_force(rounded(random_splats(60, 4, 1, 0.5)), masks=(None, mask))
 
 
 def test_what_no_view_shows_weighs_nothing_and_parameters_are_left_alone():

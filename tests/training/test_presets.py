@@ -37,19 +37,23 @@ def test_the_baseline_neither_prunes_nor_knows_dog():
     assert RECIPES["3dgs"] == Recipe(Densification(), None, None, None)
 
 
-def test_slopes_come_with_dog_and_are_all_that_is_added_to_ours():
-    ours, sloped = RECIPES["ours"], RECIPES["ours_slopes"]
-    assert ours.dog and sloped == dataclasses.replace(ours, slopes=SlopeRule(start=ours.dog.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == [*EXTENSIONS[1:], "ours_early"]
-
-
-def test_cuts_come_with_slopes_and_are_all_that_is_added_to_them():
-    sloped, cut = RECIPES["ours_slopes"], RECIPES["ours_cuts"]
-    assert sloped.slopes and cut == dataclasses.replace(sloped, cuts=CutRule(start=sloped.slopes.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == [*EXTENSIONS[2:], "ours_early"]
-    for recipe in (cut.scaled(7000), cut.from_pruning(), cut.from_pruning().scaled(350)):
-        assert recipe.slopes and recipe.cuts and recipe.dog
-        assert recipe.slopes.start == recipe.cuts.start == recipe.dog.start
+@pytest.mark.parametrize(
+    ("before", "after", "rows", "kind", "beside"),
+    [
+        ("ours", "ours_slopes", "slopes", SlopeRule, "dog"),
+        ("ours_slopes", "ours_cuts", "cuts", CutRule, "slopes"),
+        ("ours_preconditioned", "ours_second_cuts", "second_cuts", CutRule, "cuts"),
+        ("ours_second_cuts", "ours_curvatures", "curvatures", SlopeRule, "slopes"),
+        ("ours_curvatures", "ours_shifts", "shifts", ShiftRule, "slopes"),
+    ],
+)
+def test_each_kind_of_rows_comes_with_what_there_is_and_is_all_that_is_added(before, after, rows, kind, beside):
+    old, new = RECIPES[before], RECIPES[after]
+    assert new == dataclasses.replace(old, **{rows: kind(getattr(old, beside).start)})
+    given = [name for name, recipe in RECIPES.items() if getattr(recipe, rows)]
+    assert given == [*EXTENSIONS[EXTENSIONS.index(after) :], "ours_early"]
+    for recipe in (new.scaled(7000), new.from_pruning(), new.from_pruning().scaled(350)):
+        assert recipe.dog and getattr(recipe, rows).start == getattr(recipe, beside).start == recipe.dog.start
 
 
 def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_is_added_to_cuts():
@@ -61,30 +65,6 @@ def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_
         assert recipe.preconditioning and recipe.dog
         after = recipe.preconditioning.start - (recipe.first_step + recipe.dog.start)
         assert 0 < after <= recipe.reference_steps / 30
-
-
-def test_second_cuts_come_with_cuts_and_are_all_that_is_added_to_preconditioned_steps():
-    preconditioned, twice = RECIPES["ours_preconditioned"], RECIPES["ours_second_cuts"]
-    assert preconditioned.cuts and twice == dataclasses.replace(preconditioned, second_cuts=preconditioned.cuts)
-    assert [name for name, recipe in RECIPES.items() if recipe.second_cuts] == [*EXTENSIONS[4:], "ours_early"]
-    for recipe in (twice.scaled(7000), twice.from_pruning(), twice.from_pruning().scaled(350)):
-        assert recipe.cuts and recipe.second_cuts == recipe.cuts
-
-
-def test_curvatures_come_with_slopes_and_are_all_that_is_added_to_second_cuts():
-    twice, curved = RECIPES["ours_second_cuts"], RECIPES["ours_curvatures"]
-    assert twice.slopes and curved == dataclasses.replace(twice, curvatures=twice.slopes)
-    assert [name for name, recipe in RECIPES.items() if recipe.curvatures] == [*EXTENSIONS[5:], "ours_early"]
-    for recipe in (curved.scaled(7000), curved.from_pruning(), curved.from_pruning().scaled(350)):
-        assert recipe.slopes and recipe.curvatures == recipe.slopes
-
-
-def test_shifts_come_with_slopes_and_are_all_that_is_added_to_curvatures():
-    curved, shifted = RECIPES["ours_curvatures"], RECIPES["ours_shifts"]
-    assert curved.slopes and shifted == dataclasses.replace(curved, shifts=ShiftRule(curved.slopes.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.shifts] == [*EXTENSIONS[6:], "ours_early"]
-    for recipe in (shifted.scaled(7000), shifted.from_pruning(), shifted.from_pruning().scaled(350)):
-        assert recipe.slopes and recipe.shifts and recipe.shifts.start == recipe.slopes.start
 
 
 def test_rows_are_given_in_their_order_and_each_kind_is_looked_at_in_the_end():

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...scene.row_groups import RowGroup
+from ...scene.row_groups import NAMED, RowGroup
 from ..events import ROWS_ACTIVATED, ROWS_LEFT_OUT, Event
 from ..milestones import FromStep
 from ..optimizer.splat_optimizer import SplatOptimizer
@@ -63,10 +63,13 @@ class GivenRows:
     ``begun``: [N, …] of each array, what the rows begin with; None: zeros.
     """
 
-    name: str  # the field of ``Recipe`` that is its rule
-    group: RowGroup
+    name: str  # in ``NAMED``, and of the field of ``Recipe`` that is its rule
     shown: Callable[[RowRule, SplatOptimizer, RowGroup], np.ndarray]
     begun: Callable[[Training], Mapping[str, np.ndarray]] | None = None
+
+    @property
+    def group(self) -> RowGroup:
+        return NAMED[self.name]
 
     @property
     def word(self) -> str:
