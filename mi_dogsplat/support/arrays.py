@@ -67,7 +67,11 @@ def array_of(data: bytes) -> np.ndarray:
     header = HEADER.match(data)
     if not header:
         raise ValueError("no header of an array")
-    dtype, shape = np.dtype(header[1].decode()), [int(n) for n in header[2].replace(b",", b" ").split()]
+    try:
+        dtype = np.dtype(header[1].decode())
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+    shape = [int(n) for n in header[2].replace(b",", b" ").split()]
     if len(data) - header.end() != dtype.itemsize * math.prod(shape):
         raise ValueError("the size is not that of the header")
     return np.frombuffer(data, dtype, offset=header.end()).reshape(shape)

@@ -64,6 +64,9 @@ def bad_file(folder: Path, kind: str) -> Path:
         np.save(path, np.ones((2, 2, 2)))
     elif kind == "objects.npy":
         np.save(path, np.array([None]), allow_pickle=True)
+    elif kind == "no type.npy":
+        np.save(path, np.ones((2, 2), np.float32))
+        path.write_bytes(path.read_bytes().replace(b"<f4", b"<f0"))
     elif kind == "words.npy":
         np.save(path, np.array([["a"]]))
     elif kind == "names.exr":
@@ -81,6 +84,7 @@ def bad_file(folder: Path, kind: str) -> Path:
         ("shape.npy", r"holds an array of shape \(2, 2, 2\); depth needs \[height, width\]"),
         ("objects.npy", "cannot be read as a NumPy array"),
         ("words.npy", "holds no array of real numbers"),
+        ("no type.npy", "cannot be read as a NumPy array .*<f0"),
         ("names.exr", "has no channel depth.Z, Z, depth, Y, but a, b; name the channel of depth so"),
         ("no.png", "cannot be read as an image"),
         ("no.npy", "cannot be read as a NumPy array"),
