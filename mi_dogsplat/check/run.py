@@ -14,10 +14,10 @@ import numpy as np
 from ..formats.read import read_model, require_primitives
 from ..render.picture_options import PictureOptions
 from ..render.viewpoint import viewpoint
+from ..support.arguments import checks_arguments, require_path
 from ..support.cores import usable_cores
 from ..support.errors import DataError, making
 from ..support.files import replacing, write_json
-from ..support.paths import require_path, takes_paths
 from ..support.variants import require_arrays
 from ..support.versions import versions
 from ..support.wording import finite, printable
@@ -28,7 +28,7 @@ from .training import read_training
 TEMPLATE_PACKAGES = ("jinja2", "markupsafe")
 
 
-@takes_paths
+@checks_arguments
 def check(
     out: str | Path,
     model: str | Path | None = None,

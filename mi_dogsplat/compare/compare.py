@@ -24,11 +24,11 @@ import numpy as np
 from ..datasets import load_dataset
 from ..datasets.depths import Depths
 from ..datasets.masks import Masks, all_black
+from ..support.arguments import checks_arguments, require_path
 from ..support.cores import usable_cores
 from ..support.errors import DataError, making
 from ..support.files import is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
-from ..support.paths import require_path, takes_paths
 from ..support.wording import counted
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
@@ -43,7 +43,7 @@ from .targets import counted_target
 from .tasks import Task, all_tasks
 
 
-@takes_paths
+@checks_arguments
 def compare(
     config: TrainConfig,
     data: Sequence[str],

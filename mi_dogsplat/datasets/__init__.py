@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError
-from ..support.paths import takes_paths
 from .auto_exposure import auto_exposed
 from .check import CameraCheck, check_cameras
 from .dataset import Dataset, Observations, View, camera_extent
@@ -25,7 +25,7 @@ def load_largest(path: str | Path, spp: int = 64) -> tuple[Dataset, int]:
     return load_dataset(path, factor, spp, on_disk=True), factor
 
 
-@takes_paths
+@checks_arguments
 def load_dataset(
     path: str | Path, downscale: int = 1, spp: int = 64, on_disk: bool = False, split: str = "test"
 ) -> Dataset:

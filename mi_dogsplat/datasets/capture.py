@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import OPENCV_FROM_OPENGL
+from ..support.arguments import checks_arguments
 from ..support.classes import require_class
 from ..support.errors import DataError, Wrong
 from ..support.files import remove_parts, replacing
 from ..support.locks import locked
-from ..support.paths import takes_paths
 from ..support.pictures import write_exr, write_png, write_radiance
 from ..support.resumable import begun
 from ..support.scene_errors import scene_error
@@ -64,7 +64,7 @@ class Plan:
     framing: str
 
 
-@takes_paths
+@checks_arguments
 def capture(
     scene_path: str | Path,
     out: str | Path,

@@ -24,9 +24,8 @@ from ..render.viewpoint import viewpoint
 from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.finite import finite_primitives
 from ..scene.splats import Array, Splats
-from ..support.classes import require_class
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError
-from ..support.paths import takes_paths
 from ..support.pictures import write_png
 from ..support.variants import require_arrays
 from .clean_config import CleanConfig
@@ -50,7 +49,7 @@ class Cleaned:
     """a line for each thing that the formats have no room for"""
 
 
-@takes_paths
+@checks_arguments
 def clean_model(
     model: str | Path,
     out: str | Path,
@@ -73,7 +72,6 @@ def clean_model(
 
     Pictures need a Mitsuba variant. Raises ``DataError``.
     """
-    require_class("clean_model: what is not wanted", config, CleanConfig, "give a CleanConfig")
     draws = bool(data or preview)
     if draws:
         require_arrays()

@@ -25,9 +25,8 @@ from ..scene.kinds import varying
 from ..scene.radiance import from_units_of_white, in_units_of_white
 from ..scene.splats import Splats
 from ..scene.whole import whole
-from ..support.classes import require_class
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError
-from ..support.paths import takes_paths
 from ..support.srgb import displayed
 from ..support.variants import require_arrays
 from ..support.wording import counted
@@ -58,7 +57,7 @@ class Simplified:
     """a line for each thing that the formats have no room for"""
 
 
-@takes_paths
+@checks_arguments
 def simplify_model(
     model: str | Path,
     out: str | Path,
@@ -77,7 +76,6 @@ def simplify_model(
 
     Needs a Mitsuba variant. Raises ``DataError``.
     """
-    require_class("simplify_model: how it is made", config, SimplifyConfig, "give a SimplifyConfig")
     require_arrays()
     model, out = Path(model), Path(out)
     chosen = format_to_write(out)

@@ -28,9 +28,8 @@ from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.radiance import from_units_of_white
 from ..scene.splats import Splats
 from ..scene.transform import transformed
-from ..support.classes import require_class
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError
-from ..support.paths import takes_paths
 from ..support.settings import refuse
 from ..support.variants import require_arrays
 from ..support.wording import counted
@@ -56,7 +55,7 @@ class Exported:
     refine_seconds: float | None = None
 
 
-@takes_paths
+@checks_arguments
 def export_model(
     model: str | Path,
     out: str | Path,
@@ -80,7 +79,6 @@ def export_model(
 
     Measuring and refining need a Mitsuba variant. Raises ``DataError``.
     """
-    require_class("export_model: how the file is made", config, ExportConfig, "give an ExportConfig")
     model, out = Path(model), Path(out)
     page = out.name.lower().endswith(PAGE)
     chosen = SOG if page else format_to_write(out, (PAGE,))

@@ -7,7 +7,7 @@ from pathlib import Path
 from ..formats.read import require_primitives
 from ..render.picture_options import PictureOptions
 from ..render.scene_to_draw import SceneOptions, scene_to_draw
-from ..support.paths import takes_paths
+from ..support.arguments import checks_arguments
 from ..support.variants import require_arrays
 from .chosen_path import chosen_path
 from .data_cameras import data_cameras
@@ -21,7 +21,7 @@ from .scene_path import path_through
 from .subject import read_subject
 
 
-@takes_paths
+@checks_arguments
 def make_film(
     model: str | Path,
     out: str | Path,
@@ -58,7 +58,7 @@ def make_film(
     return record(output, path, lambda: ModelFrames(subject, output.in_linear_light), config, progress)
 
 
-@takes_paths
+@checks_arguments
 def make_scene_film(
     scene: str | Path,
     out: str | Path,

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..scene.ply_tables import NOT_FINITE
 from ..scene.radiance import brightened
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError, writing
 from ..support.files import parse_json, require_place, written_file
-from ..support.paths import takes_paths
 from . import gltf_container, sog_read, spz_container, usd_read
 from .folders import folder_given
 from .model import Model, require_finite
@@ -27,7 +27,7 @@ ZIP, DEFLATED = b"PK\x03\x04", spz_container.GZIP + b"\x08"  # the only method t
 MODEL_NAMES = f"a model ({' '.join(FORMATS)}, or the {sog_read.META} of SOG)"
 
 
-@takes_paths
+@checks_arguments
 def read_model(path: str | Path, finite: bool = True) -> Model:
     """Read a model of any format in ``FORMATS``, in the axes of 3DGS PLY, and how it is to be drawn.
 

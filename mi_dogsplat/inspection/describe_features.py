@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..formats.read import read_model
-from ..support.paths import takes_paths
+from ..support.arguments import checks_arguments
 from ..support.scene_errors import scene_error
 from ..support.variants import require_arrays
 from .features import choices_of_a_render, model_features, scene_features, splat_scene
@@ -18,7 +18,7 @@ LEGEND = (
 )
 
 
-@takes_paths
+@checks_arguments
 def describe_features(path: str | Path) -> list[str]:
     """Lines about what is at ``path``. Needs a Mitsuba variant. Raises ``DataError``, as ``info.describe`` does."""
     require_arrays()

@@ -8,8 +8,8 @@ from ..formats.read import format_of, is_model_name, is_sog_meta
 from ..formats.sog_read import META
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import POSED
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError
-from ..support.paths import takes_paths
 from ..support.run_files import are_of_run
 from ..support.wording import printable
 from .dataset import describe_dataset
@@ -23,7 +23,7 @@ ACCEPTED = (
 DATA_FILES = (".xml", ".json")
 
 
-@takes_paths
+@checks_arguments
 def describe(path: str | Path) -> list[str]:
     """Printable lines about a model, a run folder, a scene or a data set. Raises ``DataError`` for all else and what is
     broken.

@@ -20,9 +20,9 @@ from ..render.picture import background_color, photograph, picture_of, seen_as
 from ..render.picture_options import PictureOptions
 from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.splats import Splats
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError, making
 from ..support.files import is_empty
-from ..support.paths import takes_paths
 from ..support.pictures import write_png
 from ..support.variants import require_arrays
 from .errors import smooth_error
@@ -47,7 +47,7 @@ class Found:
         return {name: share for name, share in sorted(self.shares.items(), key=lambda item: -item[1]) if share}
 
 
-@takes_paths
+@checks_arguments
 def make_masks(
     model: str | Path,
     data: str | Path,

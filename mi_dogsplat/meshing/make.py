@@ -16,9 +16,8 @@ from ..render.vantages import vantage_cameras
 from ..runs.masks_of_run import without_masks_of_run
 from ..scene.appearance import APPEARANCE, read_appearance
 from ..scene.drawing import drawn_as
-from ..support.classes import require_class
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError
-from ..support.paths import takes_paths
 from ..support.variants import require_arrays
 from .mesh_config import MeshConfig
 from .mesh_files import writer_of
@@ -38,7 +37,7 @@ class Meshed:
     """a line on photographs of which more counts than their masks might leave"""
 
 
-@takes_paths
+@checks_arguments
 def make_mesh(
     model: str | Path,
     out: str | Path,
@@ -61,7 +60,6 @@ def make_mesh(
 
     Needs a Mitsuba variant. Raises ``DataError``.
     """
-    require_class("make_mesh: how it is made", config, MeshConfig, "give a MeshConfig")
     require_arrays()
     model, out = Path(model), Path(out)
     write = writer_of(out, texture=config.texture is not None)

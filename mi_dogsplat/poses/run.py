@@ -26,10 +26,11 @@ from ..datasets.exr import is_exr
 from ..datasets.lengths import require_images
 from ..datasets.masks import mask_files
 from ..datasets.world import write_world
+from ..support.arguments import checks_arguments
+from ..support.classes import require_class
 from ..support.errors import DataError
 from ..support.files import read_json, remove_parts, write_json
 from ..support.locks import locked
-from ..support.paths import takes_paths
 from ..support.resumable import begin
 from ..support.settings import refuse
 from .advice import TAKE_MORE, Advice, advice_on_capture, advice_on_model, hopeless
@@ -132,7 +133,7 @@ class Search:
         return free
 
 
-@takes_paths
+@checks_arguments
 def find_poses(
     source: str | Path, out: str | Path, config: PosesConfig, progress: Progress = lambda stage, done, n: None
 ) -> Summary:
@@ -141,6 +142,7 @@ def find_poses(
     ``progress`` gets the name of a stage, what is done, and of how much. Raises ``DataError`` for what cannot be read,
     for a folder with other contents, and for a capture of which no model could be made, with the reason.
     """
+    require_class("find_poses: how they are found", config, PosesConfig, "give a PosesConfig")
     source, out = Path(source), Path(out)
     require_input(source)
     if out.resolve() == source.resolve():

@@ -11,9 +11,9 @@ import numpy as np
 from ..engine.aovs import read_names
 from ..formats.read import read_model, require_primitives
 from ..scene.appearance import read_appearance
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError, Wrong, writing
 from ..support.files import replacing, require_place
-from ..support.paths import takes_paths
 from ..support.pictures import write_channels, write_exr, write_png
 from ..support.variants import require_arrays, require_variant
 from .picture import Picture, as_taken, picture_of, premultiplied
@@ -26,7 +26,7 @@ from .viewpoint import viewpoint
 SUFFIXES = (".png", ".exr", ".npz")
 
 
-@takes_paths
+@checks_arguments
 def render_model(
     model: str | Path,
     out: str | Path,
@@ -78,7 +78,7 @@ def render_model(
             write_png(out, picture.color)
 
 
-@takes_paths
+@checks_arguments
 def render_scene(
     path: str | Path,
     out: str | Path,

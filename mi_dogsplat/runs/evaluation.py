@@ -16,15 +16,15 @@ from ..render.picture import background_color, picture_of
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import CONFIG, METRICS
 from ..scene.drawing import drawn_as
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError
 from ..support.files import parse_json, remove_parts, write_json
 from ..support.locks import locked
-from ..support.paths import takes_paths
 from ..support.variants import require_arrays
 from .run import prepared
 
 
-@takes_paths
+@checks_arguments
 def evaluate_model(
     model: str | Path,
     data: str | Path,

@@ -17,11 +17,11 @@ from ..datasets.refined import require_photographs
 from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import CONFIG, FIRST, HISTORY, METRICS, POSED, RECIPE
+from ..support.arguments import checks_arguments
 from ..support.classes import require_class
 from ..support.errors import DataError, making, undisguised
 from ..support.files import PART, is_empty, json_text, remove_parts, write_json
 from ..support.locks import locked
-from ..support.paths import takes_paths
 from ..support.variants import require_arrays
 from ..training.config import TrainConfig
 from ..training.initialize import model_to_prune
@@ -86,7 +86,7 @@ def _writing(out: Path) -> Iterator[None]:
         raise DataError(path, problem, f"make room on the disk, or check it; {again}") from error
 
 
-@takes_paths
+@checks_arguments
 def train(
     config: TrainConfig,
     out: Path,

@@ -30,9 +30,9 @@ from typing import Literal
 
 import numpy as np
 
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError
 from ..support.files import write_bytes
-from ..support.paths import takes_paths
 from ..support.wording import counted
 from .filter_3d import filtered
 from .opacity import LARGEST_LOGIT
@@ -62,7 +62,7 @@ _OF_SOME = {
 """By element: its group, and how the columns of each of its arrays begin."""
 
 
-@takes_paths
+@checks_arguments
 def read_ply(path: str | Path) -> Splats:
     """Read the primitives of a 3DGS PLY, in its axes. Raises ``DataError`` for whatever is not one; memory stays in
     proportion to the file."""
@@ -199,7 +199,7 @@ def _read_index(reader: TableReader, table: Array, element: str, n_splats: int, 
 LAYOUTS = "3dgs", "rows"
 
 
-@takes_paths
+@checks_arguments
 def write_ply(
     path: str | Path, splats: Splats, layout: Literal["3dgs", "rows"] = "3dgs", comments: Sequence[str] = ()
 ) -> None:

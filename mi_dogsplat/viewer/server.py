@@ -29,8 +29,8 @@ from ..scene.drawing import Drawing, DrawnAs, drawn_as
 from ..scene.kinds import kinds_of
 from ..scene.orientation import up_of_cameras
 from ..scene.splats import Splats
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError, interruptible
-from ..support.paths import takes_paths
 from ..support.variants import require_arrays
 from ..support.wording import counted
 from .address import require_address
@@ -228,7 +228,7 @@ class Server:
         return True
 
 
-@takes_paths
+@checks_arguments
 def serve(
     model: str | Path,
     data: str | Path | None = None,

@@ -8,10 +8,11 @@ from mi_dogsplat.editing.clean import clean_model
 from mi_dogsplat.editing.simplify import simplify_model
 from mi_dogsplat.export.write import export_model
 from mi_dogsplat.meshing.make import make_mesh
+from mi_dogsplat.poses.run import find_poses
 from mi_dogsplat.runs.run import train
 
 MADE: dict[str, Any] = {"ExportConfig": export_model, "SimplifyConfig": simplify_model, "CleanConfig": clean_model,
-                        "MeshConfig": make_mesh, "CaptureConfig": capture}  # fmt: skip
+                        "MeshConfig": make_mesh, "CaptureConfig": capture, "PosesConfig": find_poses}  # fmt: skip
 
 
 @pytest.mark.parametrize("wanted", MADE)

@@ -1,4 +1,4 @@
-"""Functions that take paths name the argument that is none."""
+"""Functions that take paths, and settings, name the argument that is none."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from mi_dogsplat.poses.run import find_poses
 from mi_dogsplat.render.render_files import render_model, render_scene
 from mi_dogsplat.runs.evaluation import evaluate_model
 from mi_dogsplat.runs.run import train
+from mi_dogsplat.support.arguments import checks_arguments
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.support.paths import takes_paths
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.viewer.server import serve
 
@@ -37,7 +37,7 @@ PUBLIC: list[Any] = [
 ]  # fmt: skip
 
 
-@takes_paths
+@checks_arguments
 def copied(data: str | Path, out: Path, preview: str | Path | None = None, name: str = "") -> tuple:
     """What it is called with."""
     return data, out, preview, name
@@ -51,15 +51,32 @@ def test_what_is_no_path_is_one_line_that_names_the_argument(function, given):
     others = {argument.name: "nowhere" for argument in takes if argument.default is Parameter.empty}
     assert paths
     for name in paths:
-        line = f"{function.__name__}: {name}: {given!r} is no path; give a string or a Path"
+        kind = type(given).__name__
+        line = f"{function.__name__}: {name}: is of the class {kind}, not a path; give a string or a Path"
         with pytest.raises(DataError, match=f"^{re.escape(line)}$"):
             function(**others | {name: given})
+
+
+@pytest.mark.parametrize(
+    ("function", "name", "wanted"),
+    [
+        (render_model, "options", "a PictureOptions"), (evaluate_model, "options", "a PictureOptions"),
+        (make_film, "config", "a FilmConfig"), (make_masks, "config", "a MasksConfig"),
+        (export_model, "world", "a WorldConfig"), (export_model, "config", "an ExportConfig"),
+    ],
+)  # fmt: skip
+def test_what_are_no_settings_is_one_line_that_names_the_argument(function, name, wanted):
+    takes = signature(function).parameters.values()
+    others = {argument.name: "nowhere" for argument in takes if argument.default is Parameter.empty}
+    line = f"{function.__name__}: {name}: is of the class dict, not {wanted.split()[1]}; give {wanted}"
+    with pytest.raises(DataError, match=f"^{line}$"):
+        function(**others | {name: {"background": "white"}})
 
 
 def test_none_is_a_path_where_the_argument_may_be_left_out():
     assert copied("data", Path("out"), None, name="view") == ("data", Path("out"), None, "view")
     nothing: Any = None
-    with pytest.raises(DataError, match="^copied: out: None is no path; "):
+    with pytest.raises(DataError, match="^copied: out: is of the class NoneType, not a path; "):
         copied("data", nothing)
 
 
@@ -73,11 +90,11 @@ def test_what_is_missing_or_too_much_is_said_as_python_says_it():
 
 def test_paths_in_lists_are_checked_as_well(tmp_path):
     runs: Any = [5]
-    with pytest.raises(DataError, match="^check: runs: 5 is no path; "):
+    with pytest.raises(DataError, match="^check: runs: is of the class int, not a path; "):
         check(tmp_path / "checked", runs=runs)
     for data in ([5], [b"photos"]):
         given: Any = data
-        with pytest.raises(DataError, match="^DATA: b?'?(5|photos)'? is no path; "):
+        with pytest.raises(DataError, match="^DATA: is of the class (int|bytes), not a path; "):
             compare(TrainConfig("", preset="3dgs"), given, tmp_path / "compared")
     for single in (5, Path("photos")):
         given = single
