@@ -6,7 +6,6 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import pytest
 from cut_models import with_cuts, with_second_cuts
 from mi_dogsplat import Splats, reference
 from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SHIFTS, SLOPES
@@ -69,14 +68,6 @@ CURVED = Kind("curvatures", CURVATURES, with_curvatures, 0.02)
 SHIFTED = Kind("shifts", SHIFTS, with_shifts, 0.02)  # which no ray and no pixel has to know: not among the others
 PLANE_KINDS = CUT, SECOND_CUT
 KINDS = SLOPED, CURVED, *PLANE_KINDS
-
-
-def for_each_kind(name: str, slopes: Any, curvatures: Any, cuts: Any) -> pytest.MarkDecorator:
-    """A test of each as ``kind``, with an argument ``name`` of which planes have the same."""
-    cases = [(SLOPED, slopes), (CURVED, curvatures), *((kind, cuts) for kind in PLANE_KINDS)]
-    return pytest.mark.parametrize(("kind", name), cases, ids=[kind.word for kind in KINDS])
-
-
 EACH_KIND, EACH_PLANE, AND_SHIFTS = of_each(*KINDS), of_each(*PLANE_KINDS), of_each(*KINDS, SHIFTED)
 
 

@@ -11,11 +11,17 @@ from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.reference.forward import RAW_PARAMETERS, colors_at
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from mi_dogsplat.reference.rays import gather, meet
-from own_axes_models import CURVED, CUT, EACH_KIND, KINDS, PLANE_KINDS, SECOND_CUT, SLOPED, Kind, for_each_kind
+from own_axes_models import CURVED, CUT, EACH_KIND, KINDS, PLANE_KINDS, SECOND_CUT, SLOPED, Kind
 from splat_scenes import axis_rotation, make_camera, make_splats, random_splats, rounded, tilted_camera
 from tiled_twin import BACKGROUND, MODES, SMALL, SMOOTH, adjoint_of, assert_gradients_near, assert_images_equal
 
 ADJOINT = adjoint_of(SMALL)
+
+
+def for_each_kind(name: str, slopes: Any, curvatures: Any, cuts: Any) -> pytest.MarkDecorator:
+    """A test of each as ``kind``, with an argument ``name`` of which planes have the same."""
+    cases = [(SLOPED, slopes), (CURVED, curvatures), *((kind, cuts) for kind in PLANE_KINDS)]
+    return pytest.mark.parametrize(("kind", name), cases, ids=[kind.word for kind in KINDS])
 
 
 def per_pixel(p: Any, kind: Kind) -> np.ndarray:
