@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import fast_simplification
 import numpy as np
 
 from ..scene.splats import Array
@@ -83,8 +84,6 @@ class _Fenced:
 
     def collapsed(self, target: int) -> _Fenced:
         """With ``target`` triangles, or more."""
-        import fast_simplification
-
         how = {"target_count": target, "return_collapses": True}
         *_, collapses = fast_simplification.simplify(self.points, self.faces, **how)
         points, faces, became = fast_simplification.replay_simplification(self.points, self.faces, collapses)

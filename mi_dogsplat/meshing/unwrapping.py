@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import xatlas
 
 from ..scene.splats import Array
 from .mesh import Mesh
@@ -15,8 +16,6 @@ def unwrapped(mesh: Mesh, size: int) -> tuple[Mesh, Array]:
 
     A vertex on the border of several charts becomes as many. Colours of vertices are gone.
     """
-    import xatlas
-
     centre = mesh.vertices.mean(axis=0, dtype=np.float64)  # far from the origin float32 loses their shape
     shape = (mesh.vertices - centre) * mesh.to_unit  # below some area it takes triangles for none
     atlas, packing = xatlas.Atlas(), xatlas.PackOptions()

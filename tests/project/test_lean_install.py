@@ -153,6 +153,14 @@ def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path):
     assert not list(tmp_path.glob("out*"))
 
 
+@pytest.mark.parametrize("package", ["fast_simplification", "xatlas"])
+def test_a_mesh_lacks_a_package_before_its_views_are_drawn(model, tmp_path, package):
+    argv = ["mesh", model, "-o", tmp_path / "out.obj", "--faces", "100", "--texture", "64"]
+    done = core(COMMAND, *argv, hidden=[package])
+    assert done.returncode == 2 and not list(tmp_path.iterdir())
+    assert done.stderr == f"dogsplat: this needs the package {package}: pip install 'mi_dogsplat[mesh]'\n"
+
+
 @pytest.mark.parametrize(
     ("extra", "code", "ends"),
     [
