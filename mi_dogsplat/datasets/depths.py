@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..scene.cameras import Camera
 from ..support.errors import DataError
 from ..support.wording import counted
 from .dataset import Dataset, View
@@ -25,6 +26,7 @@ from .named_like_images import composed, files_like_images, line_on_lacking, req
 LEAST_POINTS = 20  # of a view, by which its map can be scaled
 WORST_FIT = 0.2  # median relative error at the points: the map of a view says something else
 ASKED = 8  # views whose points are asked for the unit
+CELLS = 24  # along each side of a view, in which the nearest point may be seen
 AS_IT_IS = Fit(1.0, 0.0, inverse=False)
 NEARER, FARTHER = 0.8, 3.0
 """Times as far as a map says half of the points in a view are, if the unit is the same. Some are hidden there, which
@@ -146,9 +148,9 @@ class Depths:
         found: list[Samples] = []
         for view in mapped[:: max(1, len(mapped) // ASKED)]:
             pixels, z = view.camera.project(self._dataset.points)
-            inside = (z > 0) & ((pixels >= 0) & (pixels < (view.camera.width, view.camera.height))).all(axis=1)
+            front = _frontmost(pixels, z, view.camera)
             depth = self.of(view)
-            samples = None if depth is None else _samples(depth, pixels[inside], z[inside])
+            samples = None if depth is None else _samples(depth, pixels[front], z[front])
             if samples is not None and len(samples.z) >= LEAST_POINTS:
                 found.append(samples)
         if not found:
@@ -192,6 +194,17 @@ def _nearest(depth: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray]:
         per_x, per_y = (k, k) if shrunk else (width / camera.width, height / camera.height)
         x, y = np.meshgrid((np.arange(camera.width) + 0.5) * per_x, (np.arange(camera.height) + 0.5) * per_y)
     return np.clip(y.astype(np.intp), 0, height - 1), np.clip(x.astype(np.intp), 0, width - 1)
+
+
+def _frontmost(pixels: np.ndarray, z: np.ndarray, camera: Camera) -> np.ndarray:
+    """Rows of those points at ``pixels`` [M, 2] with depths ``z`` [M] that are the nearest of all in a cell of the
+    image: many others are hidden, as most of a flat is in a view of one room."""
+    size = (camera.width, camera.height)
+    inside = np.flatnonzero((z > 0) & ((pixels >= 0) & (pixels < size)).all(axis=1))
+    column, row = (pixels[inside] / size * CELLS).astype(np.intp).T
+    cell = row * CELLS + column
+    order = np.lexsort((z[inside], cell))
+    return inside[order[np.unique(cell[order], return_index=True)[1]]]
 
 
 def _samples(values: np.ndarray, pixels: np.ndarray, z: np.ndarray) -> Samples:

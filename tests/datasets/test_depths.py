@@ -300,6 +300,18 @@ def test_points_that_are_hidden_tell_no_other_unit(tmp_path):
         assert Depths(tmp_path, data).of(view) is not None
 
 
+def test_rooms_behind_the_one_that_a_view_shows_tell_no_other_unit(tmp_path):
+    """As in the scan of a flat: most points in the direction of a view are behind its walls."""
+    view = view_of(40, 30)
+    depth = np.random.default_rng(0).uniform(1, 2, (30, 40))
+    rooms = [in_a_view(view, depth, times) for times in (1, 4, 5, 6, 7)]
+    np.save(tmp_path / "a.npy", depth)
+    assert Depths(tmp_path, data_of(view, points=np.concatenate(rooms))).of(view) is not None
+    np.save(tmp_path / "a.npy", depth / 1000)
+    with pytest.raises(DataError, match="points are about 1e\\+03 times as far away"):
+        Depths(tmp_path, data_of(view, points=np.concatenate(rooms)))
+
+
 def test_inverse_depth_is_refused_where_nobody_knows_what_a_view_sees(tmp_path):
     view = view_of(40, 30)
     depth = np.random.default_rng(0).uniform(1, 2, (30, 40))
