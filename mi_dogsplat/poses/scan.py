@@ -25,10 +25,10 @@ from ..datasets.scans.scan import REMEDY, Scan, ScanFrame
 from ..datasets.world import World, write_world
 from ..scene.cameras import Camera, affine, inverse_rigid
 from ..scene.orientation import UP, up_of_cameras
+from ..support.arguments import checks_arguments
 from ..support.errors import DataError
 from ..support.files import read_json, remove_parts, replacing, write_json
 from ..support.locks import locked
-from ..support.paths import takes_paths
 from ..support.resumable import begin
 from ..support.settings import refuse
 from .borders import black_border, write_border_masks
@@ -45,7 +45,7 @@ from .world import upright
 SEARCHED = ("lens", "masks", "linear", "undistort", "scale")  # settings of structure from motion alone
 
 
-@takes_paths
+@checks_arguments
 def take_scan(
     source: str | Path, out: str | Path, config: PosesConfig, progress: Progress = lambda stage, done, n: None
 ) -> ScanSummary:
