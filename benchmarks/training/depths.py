@@ -10,6 +10,9 @@ their values missing. Models are trained
 - ``inverse``: with the true ones as networks would tell them, relative inverse depth of 16 bits on another line in each
   view, which is fitted to the sparse points.
 
+With ``--no-points`` the data have no sparse points: ``without_no_points`` starts at random places, and
+``sensor_no_points`` at those of the maps.
+
 All are measured on validation views: PSNR, and the relative error of the expected depth, its mean over all pixels and
 the median. Their meshes, too, as ``dogsplat mesh --data`` makes them, with each ``--depth``: how far from the walls,
 pictures and furniture their vertices are, in centimetres, the median and 95 %.
@@ -58,6 +61,7 @@ def main(flags: Sequence[str]) -> None:
     parser.add_argument("--weights", nargs="+", type=float, default=[known_depth.WEIGHT], help="of the sensor's depths")
     parser.add_argument("--steps", type=int, default=1500, help="of a training")
     parser.add_argument("--views", type=int, default=VIEWS, help="of the walk")
+    parser.add_argument("--no-points", action="store_true", help="without and sensor alone, of data without points")
     parser.add_argument("--variant", default="llvm_ad_rgb", help="Mitsuba variant")
     args = parser.parse_args(flags)
     set_variant(args.variant)
@@ -67,6 +71,11 @@ def main(flags: Sequence[str]) -> None:
     usual = known_depth.WEIGHT
     contestants = [("without", data, None, usual), *(("sensor", data, f"{data}/sensor", w) for w in args.weights)]
     contestants += [("true", data, f"{data}/depth", usual), ("inverse", observed, f"{observed}/inverse", usual)]
+    if args.no_points:  # the first is a start at random places, the second one at those of the maps
+        pointless = data / "pointless.json"
+        told = json.loads((data / "transforms.json").read_text())
+        write_json(pointless, {"frames": told["frames"]})
+        contestants = [(f"{name}_no_points", pointless, *rest) for name, _, *rest in contestants[:2]]
     views = load_dataset(data, split="validation").test
     fused = [view.camera for view in load_dataset(data, on_disk=True).train]
     room, rows = surfaces(closed_room()), []
@@ -91,8 +100,8 @@ def main(flags: Sequence[str]) -> None:
             rows.append({**row, "mean": mean, "median": median, **of_mesh})
             print(rows[-1], flush=True)
     write_json(args.out / "depths.json", rows)
-    shown = {"without": known_depth.WEIGHT, "sensor": args.weights[0]}
-    folders = [args.out / f"{args.presets[-1]}_{args.seeds[0]}_{name}_{weight:g}" for name, weight in shown.items()]
+    run = f"{args.presets[-1]}_{args.seeds[0]}"
+    folders = [args.out / f"{run}_{name}_{weight:g}" for name, _, _, weight in contestants[:2]]
     write_png(args.out / "depths.png", side_by_side(data, views[1], folders))
     columns = [f"mesh, {depth} depth: median, cm | 95 %" for depth in DEPTHS]
     print(f"| preset | seed | depth maps | weight | PSNR, dB | depth error: mean | median | {' | '.join(columns)} |")
