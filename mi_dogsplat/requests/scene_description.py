@@ -58,7 +58,7 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         if sensor is not None:
             described["sensor"] = sensor
         scene = load_dict(request.scene, described)
-        _make_opaque(scene)
+        make_opaque(scene)
     except DataError:
         raise
     except (RuntimeError, ValueError, TypeError) as error:
@@ -75,7 +75,7 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
     return scene
 
 
-def _make_opaque(scene: mi.Scene) -> None:
+def make_opaque(scene: mi.Scene) -> None:
     """Make the numbers of sensors and emitters opaque: a lamp moves and a lens focuses without a compiler.
 
     Mitsuba does so itself for most. It leaves out where a rectangle is, aperture and focus of a thin lens, and the
