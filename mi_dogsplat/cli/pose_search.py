@@ -1,4 +1,4 @@
-"""A search for poses as the commands show it."""
+"""A search for poses, or the reading of a scan that has some, as the commands show it."""
 
 from __future__ import annotations
 
@@ -18,13 +18,9 @@ def search_poses(source: Path, out: Path, config: PosesConfig) -> None:
     from ..poses.scan import take_scan
     from .progress import StageBars
 
-    if is_scan(source):
-        with resumable(), StageBars() as bars:
-            lines = take_scan(source, out, config, bars.show).lines()
-        print("\n".join(lines), flush=True)
-        return
-    for line in not_taken(source, Path(config.masks) if config.masks else None):
+    scanned = is_scan(source)
+    for line in [] if scanned else not_taken(source, Path(config.masks) if config.masks else None):
         say(printable(f"{source}: not read: {line}"))
     with resumable(), StageBars() as bars:
-        summary = find_poses(source, out, config, bars.show)
+        summary = (take_scan if scanned else find_poses)(source, out, config, bars.show)
     print("\n".join(summary.lines()), flush=True)

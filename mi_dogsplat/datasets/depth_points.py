@@ -1,4 +1,4 @@
-"""Points of a scene from depth maps: a start for a training where no structure from motion has found any."""
+"""Points of a scene from depth maps, at which a training starts besides those of structure from motion, or alone."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def depth_points(
         taken = rng.permutation(len(rows))[: TAKEN * MOST // n_views]
         rows, columns = rows[taken], columns[taken]
         size = np.array([depth.shape[1], depth.shape[0]])
-        places = (np.stack([columns, rows], axis=1) + 0.5) / size  # [T, 2] in shares of the image
-        points.append(camera.unproject(places * (camera.width, camera.height), depth[rows, columns]))
-        x, y = (places * (image.shape[1], image.shape[0])).astype(np.intp).T
+        shares = (np.stack([columns, rows], axis=1) + 0.5) / size  # [T, 2] of the sides of the image
+        points.append(camera.unproject(shares * (camera.width, camera.height), depth[rows, columns]))
+        x, y = (shares * (image.shape[1], image.shape[0])).astype(np.intp).T
         colors.append(image[y, x, :3])
-    places, kept_colors = np.concatenate(points), np.concatenate(colors)
-    kept = ~seen_through(places, judges)
-    found = thinned(places[kept], kept_colors[kept], MOST)
-    return found[0].astype(np.float32), found[1].astype(np.float32)
+    all_points, all_colors = np.concatenate(points), np.concatenate(colors)
+    kept = ~seen_through(all_points, judges)
+    places, shown = thinned(all_points[kept], all_colors[kept], MOST)
+    return places.astype(np.float32), shown.astype(np.float32)
 
 
 def steady(depth: np.ndarray) -> np.ndarray:
@@ -70,9 +70,9 @@ def seen_through(points: np.ndarray, judges: Sequence[tuple[Camera, np.ndarray]]
     for camera, depth in judges:
         pixels, z = camera.project(points)
         with np.errstate(invalid="ignore", over="ignore"):
-            places = pixels / (camera.width, camera.height)  # [P, 2] in shares of the image
-            inside = np.flatnonzero((z > 0) & ((places >= 0) & (places < 1)).all(axis=1))
-        x, y = (places[inside] * (depth.shape[1], depth.shape[0])).astype(np.intp).T
+            shares = pixels / (camera.width, camera.height)  # [P, 2] of the sides of the image
+            inside = np.flatnonzero((z > 0) & ((shares >= 0) & (shares < 1)).all(axis=1))
+        x, y = (shares[inside] * (depth.shape[1], depth.shape[0])).astype(np.intp).T
         known = depth[y, x] > 0
         inside, ratio = inside[known], z[inside[known]] / depth[y, x][known]
         votes[inside] += np.where(ratio < 1 - STEADY, -1, ratio <= 1 + STEADY)

@@ -18,6 +18,7 @@ import numpy as np
 from PIL import Image
 
 from ..datasets.colmap_write import write_colmap
+from ..datasets.depth_files import read_depth
 from ..datasets.depth_points import depth_points
 from ..datasets.images import image_size, read_image, stored
 from ..datasets.scans.apps import read_scan
@@ -26,6 +27,7 @@ from ..datasets.world import World, write_world
 from ..scene.cameras import Camera, affine, inverse_rigid
 from ..scene.orientation import UP, up_of_cameras
 from ..support.arguments import checks_arguments
+from ..support.classes import require_class
 from ..support.errors import DataError
 from ..support.files import read_json, remove_parts, replacing, write_json
 from ..support.locks import locked
@@ -38,7 +40,7 @@ from .frames import CHOICE, choose_frames, take_frames
 from .output import appearing
 from .photographs import readable
 from .run import Progress, digest, is_done, model_folder
-from .scan_depth import depth_file, trusted_depth, write_depth
+from .scan_depth import depth_file, write_depth
 from .scan_summary import ScanSummary
 from .world import upright
 
@@ -54,6 +56,7 @@ def take_scan(
     ``progress``: see ``find_poses``. Raises ``DataError`` for what cannot be read, for settings that are of structure
     from motion, and for a folder with other contents.
     """
+    require_class("take_scan: how it is read", config, PosesConfig, "give a PosesConfig")
     source, out = Path(source), Path(out)
     for name in SEARCHED:
         if getattr(config, name) != getattr(PosesConfig(), name):
@@ -161,5 +164,5 @@ def _with_depths(
 ) -> Iterator[tuple[Camera, np.ndarray, np.ndarray]]:
     """What ``depth_points`` takes, of those frames that have a depth map in the data set."""
     for one in taken:
-        if depth_file(one.frame, depths).is_file():
-            yield one.camera, trusted_depth(one.frame), read_image(images / one.frame.name)
+        if (file := depth_file(one.frame, depths)).is_file():
+            yield one.camera, read_depth(file), read_image(images / one.frame.name)

@@ -8,10 +8,11 @@ import numpy as np
 from PIL import Image
 
 from ..datasets.depth_files import read_depth
-from ..datasets.images import UNREADABLE, open_image, stored
+from ..datasets.images import stored
 from ..datasets.scans.scan import REMEDY, ScanFrame
 from ..support.errors import DataError
 from ..support.files import replacing
+from .photographs import readable
 
 FARTHEST = 5.0  # metres that the LiDAR of a phone reaches; ARKit guesses what is farther (README of polyform)
 PER_METRE = 1000
@@ -43,11 +44,8 @@ def write_depth(frame: ScanFrame, folder: Path) -> float:
 
 
 def _confidence(file: Path, shape: tuple[int, ...]) -> np.ndarray:
-    try:
-        with open_image(file) as image:
-            levels = np.asarray(stored(image))
-    except UNREADABLE as error:
-        raise DataError(file, f"cannot be read as an image ({error})", REMEDY) from None
+    with readable(file) as image:
+        levels = np.asarray(stored(image))
     if levels.shape != shape:
         raise DataError(file, f"has shape {levels.shape}, and its depth map {shape}", REMEDY)
     return levels

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
-from pathlib import Path
 
-from ..support.errors import DataError
-from ..support.files import read_json, write_json
 from ..support.wording import counted
 from .scan_depth import FARTHEST
-from .summary import SUMMARY
+from .summary import Stored
 
 
 @dataclass(frozen=True)
-class ScanSummary:
+class ScanSummary(Stored):
     """``corrected``: whether the app has corrected the poses; ``n_depths``: depth maps in which something is known;
     ``known``: the mean share of their pixels that is; ``up_from``: how up was found."""
 
@@ -26,18 +22,6 @@ class ScanSummary:
     known: float
     n_masks: int
     up_from: str
-
-    @staticmethod
-    def read(folder: Path) -> ScanSummary:
-        """That of a data set. Raises ``DataError``."""
-        remedy = "remove the folder, and start again"
-        try:
-            return ScanSummary(**read_json(folder / SUMMARY, remedy))
-        except TypeError as error:
-            raise DataError(folder / SUMMARY, f"is not a summary ({error})", remedy) from error
-
-    def write(self, folder: Path) -> None:
-        write_json(folder / SUMMARY, dataclasses.asdict(self))
 
     def lines(self) -> list[str]:
         """Sentences for people."""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ..support.errors import DataError
 from ..support.files import read_json, write_json
@@ -19,9 +19,29 @@ from .world import Placed
 SUMMARY = "summary.json"
 MOST_NAMES = 5
 
+S = TypeVar("S", bound="Stored")
+
 
 @dataclass(frozen=True)
-class Summary:
+class Stored:
+    """A summary in the folder of the data set that it is of."""
+
+    @classmethod
+    def read(cls: type[S], folder: Path) -> S:
+        """That of a data set. Raises ``DataError``."""
+        remedy = "remove the folder, and start again"
+        try:
+            return cls(**read_json(folder / SUMMARY, remedy))
+        except TypeError as error:
+            raise DataError(folder / SUMMARY, f"is not a summary ({error})", remedy) from error
+
+    def write(self, folder: Path) -> None:
+        """Write it into the folder of its data set."""
+        write_json(folder / SUMMARY, dataclasses.asdict(self))
+
+
+@dataclass(frozen=True)
+class Summary(Stored):
     """``error``: mean reprojection error in pixels; ``cameras``: a line each; ``without_pose``: names of images;
     ``up_from``: how up was found; ``scale``: metres of a unit, None where nobody knows; ``advice``: see ``advice.py``;
     ``seconds`` by stage, of this start and those before."""
@@ -38,18 +58,6 @@ class Summary:
     seconds: dict[str, float]
     up_from: str = "as the cameras were held"
     scale: float | None = None
-
-    @staticmethod
-    def read(folder: Path) -> Summary:
-        """That of a data set. Raises ``DataError``."""
-        remedy = "remove the folder, and start again"
-        try:
-            return Summary(**read_json(folder / SUMMARY, remedy))
-        except TypeError as error:
-            raise DataError(folder / SUMMARY, f"is not a summary ({error})", remedy) from error
-
-    def write(self, folder: Path) -> None:
-        write_json(folder / SUMMARY, dataclasses.asdict(self))
 
     def lines(self) -> list[str]:
         """Sentences for people."""

@@ -139,7 +139,7 @@ def train(
 
 def check_run(config: TrainConfig, out: Path, resume: bool = False) -> None:
     """Raise the ``DataError`` that ``train`` raises for these settings before its first step, as far as that is known
-    without a photograph in memory. Nothing is written."""
+    with one photograph in memory at most. Nothing is written."""
     require_arrays(config.variant)
     _check_settings(config, out, resume)
     dataset = load_dataset(config.data, config.downscale, spp=1, on_disk=True, split=config.split)

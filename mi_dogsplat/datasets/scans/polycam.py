@@ -18,27 +18,28 @@ from ...support.files import read_object
 from .scan import REMEDY, Scan, ScanFrame, existing, require_frames
 
 APP = "Polycam"
+PARTS = ("corrected_", "")  # the better first, of the names of folders
 
 
 def find(path: Path) -> Path | None:
     """The folder of keyframes of a scan, which may be given itself; None if ``path`` is no such scan."""
-    for folder in (path / "keyframes", path):
-        if any((folder / f"{part}cameras").is_dir() and (folder / f"{part}images").is_dir() for part in PARTS):
-            return folder
-    return None
-
-
-PARTS = ("corrected_", "")  # the better first
+    return next((folder for folder in (path / "keyframes", path) if _kinds(folder)), None)
 
 
 def read(keyframes: Path) -> Scan:
     """The scan of a folder of keyframes, of those that have an image. Raises ``DataError``."""
-    part = next(part for part in PARTS if _numbered(keyframes / f"{part}cameras") or not part)
+    kinds = _kinds(keyframes)
+    part = next((part for part in kinds if _numbered(keyframes / f"{part}cameras")), kinds[-1])
     cameras = _numbered(keyframes / f"{part}cameras")
     frames = [_frame(keyframes, part, number, file) for number, file in sorted(cameras.items())]
     found = [frame for frame in frames if frame.image]
     require_frames(keyframes, found)
     return Scan(APP, found, np.array([0.0, 1, 0]), corrected=bool(part), keyframes=True)
+
+
+def _kinds(folder: Path) -> list[str]:
+    """Those ``PARTS`` of which a folder has cameras and images."""
+    return [part for part in PARTS if all((folder / f"{part}{kind}").is_dir() for kind in ("cameras", "images"))]
 
 
 def _numbered(folder: Path) -> dict[int, Path]:

@@ -1,6 +1,7 @@
 """Folders of scans: which are such, and one line for each that is damaged or exported otherwise."""
 
 import json
+import shutil
 from pathlib import Path
 
 import phone_scans as scans
@@ -50,6 +51,12 @@ def test_cameras_as_they_were_tracked_are_read_where_none_is_corrected(tmp_path)
         path.unlink()
     scan = read_scan(tmp_path)
     assert not scan.corrected and {frame.image.parent.name for frame in scan.frames if frame.image} == {"images"}
+
+
+def test_cameras_as_they_were_tracked_are_read_where_no_image_is_corrected(tmp_path):
+    scans.write_polycam(tmp_path, n=3)
+    shutil.rmtree(tmp_path / "keyframes" / "corrected_images")
+    assert not read_scan(tmp_path).corrected and len(read_scan(tmp_path).frames) == 3
 
 
 def changed(path: Path, **values: object) -> None:
